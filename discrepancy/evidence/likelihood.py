@@ -197,6 +197,7 @@ def record_columns(
     """
     residual, sens = linearised.residual(), linearised.sensitivities()
     moved = [k for k, n in enumerate(sens.names) if n not in without]
+    spread = _spread(linearised)
     columns = []
     for i, record in enumerate(records):
         own = sens.nuisance[i]
@@ -206,6 +207,7 @@ def record_columns(
                 residual=residual.blocks[i],
                 shared=sens.blocks[i][:, :, moved],
                 own=np.zeros((*residual.blocks[i].shape, 0)) if own is None else own,
+                spread=spread,
             )
         )
     return columns, sens.prior_std[moved], sens.prior_offset[moved]
@@ -217,8 +219,12 @@ def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
     count = given.average * given.decimate
     channels = linearised.residual().channels
     noise = np.array([linearised.noise.get(c, 0.0) for c in channels])
-    spread = np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0)
-    return np.maximum(noise / np.sqrt(count), 1e-9 * np.maximum(spread, 1e-300))
+    return np.maximum(noise / np.sqrt(count), 1e-9 * _spread(linearised))
+
+
+def _spread(linearised: LinearisedProblem) -> np.ndarray:
+    """Return the standard deviation of each prepared output over all records, SI."""
+    return np.maximum(np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0), 1e-300)
 
 
 def fitted_noise(

@@ -3,13 +3,37 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from multibody.compile.sealed_code import njit_kept
 
-__all__ = ["covariance_pass", "filter_columns"]
+__all__ = ["covariance_pass", "filter_columns", "score_pass"]
 
 
-@njit_kept(nogil=True, fastmath=False)
+@njit(nogil=True, inline="always")
+def _output_rows(c, d, source, channel, k, H):  # type: ignore[no-untyped-def]
+    """Write how the outputs of a sample depend on states and processes, shape (n_c, n + p)."""
+    n_c, n = c.shape[1], c.shape[2]
+    for i in range(n_c):
+        for s in range(n):
+            H[i, s] = c[k, i, s]
+        for j in range(source.size):
+            H[i, n + j] = d[k, i, source[j]] if source[j] >= 0 else (1.0 if channel[j] == i else 0.0)
+
+
+@njit(nogil=True, inline="always")
+def _state_rows(phi, g0, g1, source, decay, k, A):  # type: ignore[no-untyped-def]
+    """Write how the states of the next sample depend on states and processes of this one, shape (n, n + p)."""
+    n = phi.shape[1]
+    for i in range(n):
+        for s in range(n):
+            A[i, s] = phi[k, i, s]
+        for j in range(source.size):
+            v = source[j]
+            A[i, n + j] = g0[k, i, v] + decay[k, j] * g1[k, i, v] if v >= 0 else 0.0
+
+
+@njit_kept(calls=(_output_rows, _state_rows), nogil=True)
 def covariance_pass(  # type: ignore[no-untyped-def]
     phi, g0, g1, c, d, counts, source, channel, decay, variance, noise, gain, root
 ):
@@ -35,31 +59,38 @@ def covariance_pass(  # type: ignore[no-untyped-def]
         Filter gain: written.
     root : ndarray, shape (N, n_c, n_c)
         Inverse of the lower Cholesky factor of the innovations' covariance: written, where a sample counts.
+
+    Raises
+    ------
+    LinAlgError
+        If the covariance of an innovation is not positive definite.
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     size = n + p
-    P = np.zeros((size, size))
+    P, A, T, X = np.zeros((size, size)), np.zeros((n, size)), np.zeros((n, size)), np.zeros((n, n))
     for j in range(p):
         P[n + j, n + j] = variance[j]
-    A = np.zeros((size, size))
-    H = np.zeros((n_c, size))
-    AP = np.zeros((size, size))
-    PH = np.zeros((size, n_c))
-    S = np.zeros((n_c, n_c))
+    H, PH = np.zeros((n_c, size)), np.zeros((size, n_c))
+    S, L, weight = np.zeros((n_c, n_c)), np.zeros((n_c, n_c)), np.zeros((n_c, n_c))
     log_det = 0.0
     for k in range(count):
         if counts[k]:
-            H[:, :n] = c[k]
-            for j in range(p):
-                for i in range(n_c):
-                    H[i, n + j] = d[k, i, source[j]] if source[j] >= 0 else (1.0 if channel[j] == i else 0.0)
+            _output_rows(c, d, source, channel, k, H)
             np.dot(P, H.T, PH)
             np.dot(H, PH, S)
-            S += noise
-            L = np.linalg.cholesky(S)
             inverse = root[k]
             inverse[:, :] = 0.0
-            for i in range(n_c):
+            for i in range(n_c):  # Cholesky factor of H P Hᵀ + noise, and its inverse
+                for j in range(i + 1):
+                    total = S[i, j] + noise[i, j]
+                    for q in range(j):
+                        total -= L[i, q] * L[j, q]
+                    if j < i:
+                        L[i, j] = total / L[j, j]
+                    elif total > 0.0:
+                        L[i, i] = np.sqrt(total)
+                    else:
+                        raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
                 log_det += np.log(L[i, i])
                 inverse[i, i] = 1.0 / L[i, i]
                 for j in range(i):
@@ -67,43 +98,188 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                     for r in range(j, i):
                         total += L[i, r] * inverse[r, j]
                     inverse[i, j] = -total / L[i, i]
-            for r in range(size):  # PH S^-1 = PH (L^-T L^-1)
+            for i in range(n_c):  # S⁻¹ = L⁻ᵀ L⁻¹
+                for j in range(i + 1):
+                    total = 0.0
+                    for q in range(i, n_c):
+                        total += inverse[q, j] * inverse[q, i]
+                    weight[i, j] = total
+                    weight[j, i] = total
+            for r in range(size):
                 for i in range(n_c):
                     total = 0.0
                     for j in range(n_c):
-                        weight = 0.0
-                        for q in range(max(i, j), n_c):
-                            weight += inverse[q, j] * inverse[q, i]
-                        total += PH[r, j] * weight
+                        total += PH[r, j] * weight[j, i]
                     gain[k, r, i] = total
             for r in range(size):
                 for s in range(r + 1):
-                    total = 0.0
+                    total = P[r, s]
                     for i in range(n_c):
-                        total += gain[k, r, i] * PH[s, i]
-                    P[r, s] -= total
-                    P[s, r] = P[r, s]
+                        total -= gain[k, r, i] * PH[s, i]
+                    P[r, s] = total
+                    P[s, r] = total
         if k + 1 == count:
             break
-        A[:n, :n] = phi[k]
+        _state_rows(phi, g0, g1, source, decay, k, A)
+        np.dot(A, P, T)
+        np.dot(T, A.T, X)
         for j in range(p):
             rho = decay[k, j]
-            A[n + j, n + j] = rho
-            for i in range(n):
-                A[i, n + j] = g0[k, i, source[j]] + rho * g1[k, i, source[j]] if source[j] >= 0 else 0.0
-        np.dot(A, P, AP)
-        np.dot(AP, A.T, P)
-        for j in range(p):
-            q = variance[j] * (1.0 - decay[k, j] ** 2)
-            P[n + j, n + j] += q
-            if source[j] >= 0:
-                for i in range(n):
-                    b = g1[k, i, source[j]]
-                    P[i, n + j] += b * q
-                    P[n + j, i] += b * q
-                    for s in range(n):
-                        P[i, s] += b * q * g1[k, s, source[j]]
+            for t in range(j + 1):
+                value = rho * decay[k, t] * P[n + j, n + t]
+                P[n + j, n + t] = value
+                P[n + t, n + j] = value
+            P[n + j, n + j] += variance[j] * (1.0 - rho * rho)
+        for i in range(n):
+            for j in range(p):
+                value = T[i, n + j] * decay[k, j]
+                if source[j] >= 0:
+                    value += g1[k, i, source[j]] * variance[j] * (1.0 - decay[k, j] ** 2)
+                P[i, n + j] = value
+                P[n + j, i] = value
+            for r in range(i + 1):
+                total = X[i, r]
+                for j in range(p):
+                    if source[j] >= 0:
+                        q = variance[j] * (1.0 - decay[k, j] ** 2)
+                        total += q * g1[k, i, source[j]] * g1[k, r, source[j]]
+                P[i, r] = total
+                P[r, i] = total
     return log_det
+
+
+@njit_kept(calls=(_output_rows, _state_rows), nogil=True)
+def score_pass(  # type: ignore[no-untyped-def]
+    phi, g0, g1, c, d, observed, counts, source, channel, decay, gain, root, white, driving, noise
+):
+    """Run the disturbance smoother backwards along a record; write what the derivatives of the likelihood consist of.
+
+    The score of a Gaussian state-space model (Koopman and Shephard, Biometrika 79, 1992): with the smoothed noises u of
+    the outputs and r of the states, and their covariances D and N, each variance has as its derivative half the sum of
+    the squares minus the covariances.
+
+    Parameters
+    ----------
+    phi, g0, g1, c, d, counts, source, channel, decay, gain, root : ndarray
+        As in `covariance_pass`.
+    observed : ndarray of bool, shape (N,)
+    white : ndarray, shape (N_observed, n_c, q)
+        Standardised innovations whose squares are added up: of a residual, and of what is uncertain in it.
+    driving : ndarray, shape (p,)
+        Written: for each process the sum of squares minus covariances of what drives it, for a stationary variance of
+        one.
+    noise : ndarray, shape (n_c, n_c)
+        Written: the sum of u uᵀ - D.
+    """
+    count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
+    size, q = n + p, white.shape[2]
+    H, A = np.zeros((n_c, size)), np.zeros((n, size))
+    r, before = np.zeros((size, q)), np.zeros((size, q))
+    N, NA = np.zeros((size, size)), np.zeros((size, size))
+    u, E, D = np.zeros((n_c, q)), np.zeros((n_c, size)), np.zeros((n_c, n_c))
+    g = np.zeros(size)
+    driving[:] = 0.0
+    noise[:, :] = 0.0
+    row = white.shape[0]
+    for k in range(count - 1, -1, -1):
+        if k + 1 < count:
+            for j in range(p):
+                rho = decay[k, j]
+                for i in range(n):
+                    g[i] = g1[k, i, source[j]] if source[j] >= 0 else 0.0
+                total = 0.0
+                for s in range(q):
+                    along = r[n + j, s]
+                    for i in range(n):
+                        along += g[i] * r[i, s]
+                    total += along * along
+                total -= N[n + j, n + j]
+                for i in range(n):
+                    if g[i] != 0.0:
+                        total -= 2.0 * g[i] * N[i, n + j]
+                        for t in range(n):
+                            total -= g[i] * g[t] * N[i, t]
+                driving[j] += (1.0 - rho * rho) * total
+            _state_rows(phi, g0, g1, source, decay, k, A)
+            for s in range(size):  # r = Aᵀ r, N = Aᵀ N A
+                for t in range(q):
+                    before[s, t] = decay[k, s - n] * r[s, t] if s >= n else 0.0
+                for i in range(n):
+                    a = A[i, s]
+                    if a != 0.0:
+                        for t in range(q):
+                            before[s, t] += a * r[i, t]
+            r, before = before, r
+            for s in range(size):
+                for t in range(size):
+                    NA[s, t] = N[s, t] * decay[k, t - n] if t >= n else 0.0
+                for i in range(n):
+                    a = N[s, i]
+                    if a != 0.0:
+                        for t in range(size):
+                            NA[s, t] += a * A[i, t]
+            for s in range(size):
+                for t in range(s + 1):
+                    total = decay[k, s - n] * NA[s, t] if s >= n else 0.0
+                    for i in range(n):
+                        total += A[i, s] * NA[i, t]
+                    N[s, t] = total
+                    N[t, s] = total
+        if observed[k]:
+            row -= 1
+        if counts[k]:
+            _output_rows(c, d, source, channel, k, H)
+            for i in range(n_c):
+                for t in range(q):
+                    u[i, t] = 0.0
+                for j in range(i, n_c):  # the root is lower triangular
+                    a = root[k, j, i]
+                    for t in range(q):
+                        u[i, t] += a * white[row, j, t]
+                for s in range(size):
+                    a = gain[k, s, i]
+                    for t in range(q):
+                        u[i, t] -= a * r[s, t]
+                for t in range(size):
+                    E[i, t] = 0.0
+                for s in range(size):
+                    a = gain[k, s, i]
+                    for t in range(size):
+                        E[i, t] += a * N[s, t]
+            for i in range(n_c):
+                for j in range(i + 1):
+                    total = 0.0
+                    for t in range(i, n_c):
+                        total += root[k, t, i] * root[k, t, j]
+                    for s in range(size):
+                        total += E[i, s] * gain[k, s, j]
+                    D[i, j] = total
+                    D[j, i] = total
+                    for t in range(q):
+                        total -= u[i, t] * u[j, t]
+                    noise[i, j] -= total
+                    if i != j:
+                        noise[j, i] -= total
+            for s in range(size):
+                for i in range(n_c):
+                    h = H[i, s]
+                    if h != 0.0:
+                        for t in range(q):
+                            r[s, t] += h * u[i, t]
+            for s in range(size):
+                for t in range(s + 1):
+                    total = N[s, t]
+                    for i in range(n_c):
+                        total -= H[i, s] * E[i, t] + E[i, s] * H[i, t]
+                        for j in range(n_c):
+                            total += H[i, s] * D[i, j] * H[j, t]
+                    N[s, t] = total
+                    N[t, s] = total
+    for j in range(p):  # a process begins with its stationary variance
+        total = -N[n + j, n + j]
+        for t in range(q):
+            total += r[n + j, t] ** 2
+        driving[j] += total
 
 
 @njit_kept(nogil=True)

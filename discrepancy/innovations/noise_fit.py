@@ -9,10 +9,16 @@ from typing import Any
 import numpy as np
 
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
-from multibody.base.parallel import parallel_map
+from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
 
-__all__ = ["RecordColumns", "fit_noise", "likeliest_change", "prior_precision", "restricted_log_likelihood"]
+__all__ = [
+    "RecordColumns",
+    "fit_noise",
+    "likeliest_change",
+    "prior_precision",
+    "restricted_log_likelihood",
+    "restricted_score",
+]
 
 #: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
 #: where there is no such process.
@@ -25,9 +31,8 @@ PROMISING = 4
 FIRST_SIZES = (0.3, 3.0, 30.0)
 #: Factors on the memory of a process that was added, of which each is tried: the memories offered are a coarse grid.
 MEMORY_FACTORS = (0.4, 2.5)
-#: Change of a log standard deviation over which derivatives are taken, most iterations, and how far it may move in all:
-#: by a factor of 400.
-STEP, ROUNDS, FURTHEST = 1e-3, 30, 6.0
+#: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
+ROUNDS, FURTHEST = 30, 6.0
 #: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
 #: search: what they give away is far below `WORTH`.
 STEEP, LINE_SEARCH = 0.3, 6
@@ -37,10 +42,6 @@ SCREENING_ROWS = 1500
 #: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
-#: Root of the prior precision of a record's own unknowns, over that with which the record determines the best of them:
-#: the prior is a thousand times as wide.  With dry friction the record soon no longer depends on the initial speed, and
-#: the determinant of such an unknown, without a prior, is a matter of rounding.
-OWN_PRIOR = 1e-3
 LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
 CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what two models are told apart by
 
@@ -78,38 +79,41 @@ class RecordColumns:
         Derivatives by parameters that all records share.
     own : ndarray, shape (n, n_c, q)
         Derivatives by the record's own unknowns.
+    spread : ndarray, shape (n_c,)
+        Standard deviation of each measured output, SI.
     """
 
     record: LinearRecord
     residual: np.ndarray
     shared: np.ndarray
     own: np.ndarray
+    spread: np.ndarray
 
     def whitened(self, model: NoiseModel) -> WhitenedRecord:
-        """Return residual and shared columns as innovations, free of the own unknowns.
+        """Return residual and shared columns as innovations, free of the own unknowns."""
+        return self.filtered(model).whitened()
 
-        These have independent normal priors, so wide that they matter only for unknowns that the record hardly
-        determines.
+    def filtered(self, model: NoiseModel) -> FilteredRecord:
+        """Return residual, shared columns and own unknowns as innovations.
+
+        The own unknowns have independent normal priors with a standard deviation of what moves the outputs by their
+        spread, in the mean over the record.  That is far more than a record leaves open, so it matters only for
+        unknowns that the record hardly determines: with dry friction it soon no longer depends on the initial speed,
+        and the determinant of such an unknown, without a prior, is a matter of rounding.
         """
         weighting = innovation_weighting(self.record, model)
-        together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
-        flat = weighting(together).reshape(-1, together.shape[2])
-        k, own_log_det = self.shared.shape[2], 0.0
-        if self.own.shape[2]:
-            own = flat[:, 1 + k :]
-            size = np.maximum(np.linalg.norm(self.own.reshape(-1, own.shape[1]), axis=0), 1e-300)
-            u, singular, _ = np.linalg.svd(own / size, full_matrices=False)
-            precision = (OWN_PRIOR * singular[0]) ** 2
-            information = np.maximum(singular**2 + precision, 1e-300)
-            left = np.sqrt(precision / information)
-            flat = flat[:, : 1 + k] - u @ ((1.0 - left)[:, None] * (u.T @ flat[:, : 1 + k]))
-            own_log_det = 0.5 * float(np.sum(np.log(information)))
-        root = np.diagonal(weighting.root[self.record.observed], axis1=1, axis2=2)
-        return WhitenedRecord(
-            residual=flat[:, 0],
-            shared=flat[:, 1 : 1 + k],
-            log_root=np.log(np.where(self.record.used[:, None], root, 1.0)).sum(axis=1),
-            own_log_det=own_log_det,
+        moved = np.mean(np.sum((self.own / self.spread[:, None]) ** 2, axis=1), axis=0)
+        own = self.own / np.maximum(np.sqrt(moved), 1e-300)
+        flat = weighting(np.concatenate([self.residual[:, :, None], self.shared, own], axis=2))
+        flat = flat.reshape(-1, flat.shape[2])
+        k = self.shared.shape[2]
+        basis, singular, _ = np.linalg.svd(flat[:, 1 + k :], full_matrices=False)
+        return FilteredRecord(
+            columns=self,
+            weighting=weighting,
+            white=np.ascontiguousarray(flat[:, : 1 + k]),
+            basis=basis,
+            information=singular**2,
         )
 
     def every(self, count: int) -> RecordColumns:
@@ -119,7 +123,7 @@ class RecordColumns:
         rows = np.cumsum(self.record.observed) - 1
         thinned = self.record.every(count)
         kept = rows[np.arange(0, self.record.time.size, count)][thinned.observed]
-        return RecordColumns(record=thinned, residual=self.residual[kept], shared=self.shared[kept], own=self.own[kept])
+        return replace(self, record=thinned, residual=self.residual[kept], shared=self.shared[kept], own=self.own[kept])
 
     def innovations(self, model: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
         """Return the standardised innovations of the samples that count, and their roots.
@@ -139,6 +143,74 @@ class RecordColumns:
         return left.reshape(self.residual.shape)[used], weighting.root[self.record.counts]
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FilteredRecord:
+    """One record as innovations, and the directions of its own unknowns among them.
+
+    Parameters
+    ----------
+    columns : RecordColumns
+    weighting : InnovationWeighting
+    white : ndarray, shape (n · n_c, 1 + k)
+        Residual and shared columns.
+    basis : ndarray, shape (n · n_c, q)
+        Orthonormal, of the own unknowns.
+    information : ndarray, shape (q,)
+        Of each of these directions, in units of its prior's.
+    """
+
+    columns: RecordColumns
+    weighting: InnovationWeighting
+    white: np.ndarray
+    basis: np.ndarray
+    information: np.ndarray
+
+    def without_own(self, power: float) -> np.ndarray:
+        """Return the white columns without what the own unknowns explain of them.
+
+        Parameters
+        ----------
+        power : float
+            1 for what is left beside their likeliest values; 0.5 for columns whose products are those of the marginal
+            likelihood.
+        """
+        left = (1.0 + self.information) ** -power
+        free: np.ndarray = self.white - self.basis @ ((1.0 - left)[:, None] * (self.basis.T @ self.white))
+        return free
+
+    def whitened(self) -> WhitenedRecord:
+        """Return residual and shared columns free of the own unknowns."""
+        record, flat = self.columns.record, self.without_own(0.5)
+        root = np.diagonal(self.weighting.root[record.observed], axis1=1, axis2=2)
+        return WhitenedRecord(
+            residual=flat[:, 0],
+            shared=flat[:, 1:],
+            log_root=np.log(np.where(record.used[:, None], root, 1.0)).sum(axis=1),
+            own_log_det=0.5 * float(np.sum(np.log1p(self.information))),
+        )
+
+    def score(self, change: np.ndarray, shared_root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the marginal likelihood by the logarithms of all standard deviations.
+
+        Parameters
+        ----------
+        change : ndarray, shape (k,)
+            Of the shared parameters, at the largest likelihood.
+        shared_root : ndarray, shape (k, r)
+            Root of their covariance.
+
+        Returns
+        -------
+        noise : ndarray, shape (n_c,)
+        processes : ndarray, shape (p,)
+        """
+        free = self.without_own(1.0)
+        left = free[:, :1] - free[:, 1:] @ change[:, None]
+        own = self.basis * np.sqrt(self.information / (1.0 + self.information))
+        together = np.concatenate([left, free[:, 1:] @ shared_root, own], axis=1)
+        return self.weighting.score(together.reshape(*self.columns.residual.shape, -1))
+
+
 def prior_precision(prior_std: np.ndarray) -> np.ndarray:
     """Return the inverse variances of normal priors; zero where there is none (an infinite deviation)."""
     return np.where(np.isfinite(prior_std), 1.0 / np.where(np.isfinite(prior_std), prior_std, 1.0) ** 2, 0.0)
@@ -153,14 +225,13 @@ class _Normal:
     constant: float
 
     @classmethod
-    def of(
-        cls, records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
-    ) -> _Normal:
+    def of(cls, records: Sequence[FilteredRecord], prior_std: np.ndarray, prior_offset: np.ndarray) -> _Normal:
         precision = prior_precision(prior_std)
         known = precision > 0.0
         matrix, right = np.diag(precision), precision * prior_offset
         constant = -0.5 * float(np.sum(precision * prior_offset**2)) + 0.5 * float(np.sum(np.log(precision[known])))
-        for white in parallel_map(lambda r: r.whitened(model), records):
+        for record in records:
+            white = record.whitened()
             e, f = white.residual, white.shared
             constant += float(np.sum(white.log_root)) - white.own_log_det - 0.5 * float(e @ e)
             matrix = matrix + f.T @ f
@@ -171,17 +242,52 @@ class _Normal:
     def finite(self) -> bool:
         return bool(np.isfinite(self.constant) and np.all(np.isfinite(self.matrix)))
 
-    def solved(self) -> tuple[np.ndarray, float, float]:
-        """Return the parameters' change, half the decrease of the quadratic form, and half the log-determinant."""
+    def solved(self) -> Solved:
+        """Return the parameters' likeliest change, and the likelihood."""
         if not self.right.size:
-            return self.right, 0.0, 0.0
+            return Solved(change=self.right, root=np.zeros((0, 0)), log_likelihood=self.constant)
         size = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
         kept = values > LEAST_EIGENVALUE_OF_NORMAL
         along = vectors.T @ (self.right / size)
-        change = vectors[:, kept] @ (along[kept] / values[kept]) / size
         half_log_det = 0.5 * float(np.sum(np.log(values[kept]))) + float(np.sum(np.log(size)))
-        return change, 0.5 * float(np.sum(along[kept] ** 2 / values[kept])), half_log_det
+        return Solved(
+            change=vectors[:, kept] @ (along[kept] / values[kept]) / size,
+            root=vectors[:, kept] / np.sqrt(values[kept]) / size[:, None],
+            log_likelihood=self.constant + 0.5 * float(np.sum(along[kept] ** 2 / values[kept])) - half_log_det,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """The shared parameters under a noise model.
+
+    Parameters
+    ----------
+    change : ndarray, shape (k,)
+        From the linearisation's values, at the largest likelihood.
+    root : ndarray, shape (k, r)
+        Root of their covariance.
+    log_likelihood : float
+        Marginal: every linear unknown is integrated out.
+    """
+
+    change: np.ndarray
+    root: np.ndarray
+    log_likelihood: float
+
+
+def _solved(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> tuple[list[FilteredRecord], Solved] | None:
+    """Return the records as innovations and what follows for the parameters; None where it cannot be computed."""
+    try:
+        filtered = [r.filtered(model) for r in records]  # too short for threads
+        normal = _Normal.of(filtered, prior_std, prior_offset)
+        solved = normal.solved() if normal.finite else None
+    except np.linalg.LinAlgError:
+        return None
+    return (filtered, solved) if solved is not None and np.isfinite(solved.log_likelihood) else None
 
 
 def restricted_log_likelihood(
@@ -196,22 +302,41 @@ def restricted_log_likelihood(
     prior_std, prior_offset : ndarray, shape (k,)
         Of the shared parameters: standard deviation (infinite: none), and mean minus the value of the linearisation.
     """
-    try:
-        normal = _Normal.of(records, model, prior_std, prior_offset)
-        if not normal.finite:
-            return -np.inf
-        _, gain, half_log_det = normal.solved()
-    except np.linalg.LinAlgError:
-        return -np.inf
-    total = normal.constant + gain - half_log_det
-    return total if np.isfinite(total) else -np.inf
+    done = _solved(records, model, prior_std, prior_offset)
+    return -np.inf if done is None else done[1].log_likelihood
+
+
+def restricted_score(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return the log marginal likelihood of a noise model and its derivatives by the logarithms of deviations.
+
+    Parameters
+    ----------
+    records, model, prior_std, prior_offset
+        As in `restricted_log_likelihood`.
+
+    Returns
+    -------
+    value : float
+    derivatives : ndarray, shape (n_c + p,)
+        By those of the white noise of every output, then of every process.
+    """
+    done = _solved(records, model, prior_std, prior_offset)
+    if done is None:
+        return -np.inf, np.zeros(len(model.noise) + len(model.processes))
+    filtered, solved = done
+    return solved.log_likelihood, np.sum(
+        [np.concatenate(r.score(solved.change, solved.root)) for r in filtered], axis=0
+    )
 
 
 def likeliest_change(
     records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
 ) -> np.ndarray:
     """Return by how much the shared parameters differ from the linearisation's at the largest likelihood, (k,)."""
-    return _Normal.of(records, model, prior_std, prior_offset).solved()[0]
+    done = _solved(records, model, prior_std, prior_offset)
+    return np.zeros(prior_std.size) if done is None else done[1].change
 
 
 def fit_noise(
@@ -245,10 +370,13 @@ def fit_noise(
     def likelihood(model: NoiseModel) -> float:
         return restricted_log_likelihood(records, model, prior_std, prior_offset)
 
+    def climb(model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
+        return _climb(model, value, lambda m: restricted_score(records, m, prior_std, prior_offset), floor)
+
     if start is None:
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
-    model, best = _climb(*_with_correlation(start, records, likelihood, floor), likelihood, floor)
+    model, best = climb(*_with_correlation(start, records, likelihood, floor))
     promising = list(candidates)
     rows = sum(r.residual.size for r in records)
     thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
@@ -271,10 +399,10 @@ def fit_noise(
         promising = [process for of_kind in kinds.values() for *_, process in of_kind[:PROMISING]]
         # the best of each kind is fitted: which of them it is, a thinned record may not tell
         best_of = [of_kind[0][1] for of_kind in kinds.values()]
-        climbed = [_climb(trial, likelihood(trial), likelihood, floor) for trial in best_of]
+        climbed = [climb(trial, likelihood(trial)) for trial in best_of]
         fitted, value = max(climbed, key=lambda t: t[1])
-        fitted, value = _with_memory(fitted, value, likelihood, floor)
-        fitted, value = _climb(*_with_correlation(fitted, records, likelihood, floor), likelihood, floor)
+        fitted, value = _with_memory(fitted, value, likelihood, climb)
+        fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
         if value < best + WORTH:
             break
         model, best = fitted, value
@@ -290,7 +418,10 @@ def _same_process(one: Process, other: Process) -> bool:
 
 
 def _with_memory(
-    model: NoiseModel, value: float, likelihood: Callable[[NoiseModel], float], floor: np.ndarray
+    model: NoiseModel,
+    value: float,
+    likelihood: Callable[[NoiseModel], float],
+    climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
 ) -> tuple[NoiseModel, float]:
     """Return the model with the memory of its last process changed, as long as that is likelier."""
     for factor in MEMORY_FACTORS:
@@ -300,7 +431,7 @@ def _with_memory(
             # what drives the process keeps its size
             changed = replace(last, memory=factor * last.memory, std=float(np.sqrt(factor)) * last.std)
             trial = replace(model, processes=(*others, changed))
-            fitted, reached = _climb(trial, likelihood(trial), likelihood, floor)
+            fitted, reached = climb(trial, likelihood(trial))
             if not reached > value + CLOSE:
                 break
             model, value, better = fitted, reached, True
@@ -349,7 +480,10 @@ def _noise_of(model: NoiseModel, covariance: np.ndarray, floor: np.ndarray) -> N
 
 
 def _climb(
-    model: NoiseModel, value: float, likelihood: Callable[[NoiseModel], float], floor: np.ndarray
+    model: NoiseModel,
+    value: float,
+    score: Callable[[NoiseModel], tuple[float, np.ndarray]],
+    floor: np.ndarray,
 ) -> tuple[NoiseModel, float]:
     """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood."""
     from scipy.optimize import Bounds, minimize
@@ -365,17 +499,18 @@ def _climb(
     least = np.concatenate([np.log(floor), begin[n_c:] - FURTHEST])
     begin = np.maximum(begin, least)
 
-    def loss(x: np.ndarray) -> float:
-        return -max(likelihood(at(x)), value - HOPELESS)
+    def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
+        reached, derivatives = score(at(x))
+        return (-reached, -derivatives) if reached > value - HOPELESS else (HOPELESS - value, np.zeros(x.size))
 
     bounds: Any = Bounds(least, begin + FURTHEST)
     result = minimize(
         loss,
         begin,
         method="L-BFGS-B",
+        jac=True,
         bounds=bounds,
         options={
-            "eps": STEP,
             "maxiter": ROUNDS,
             "maxls": LINE_SEARCH,
             "gtol": STEEP,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discrepancy.innovations.kernel import covariance_pass, filter_columns
+from discrepancy.innovations.kernel import covariance_pass, filter_columns, score_pass
 from discrepancy.innovations.linear_record import LinearRecord
 
 __all__ = ["InnovationWeighting", "NoiseModel", "Process", "innovation_weighting"]
@@ -95,6 +95,40 @@ class InnovationWeighting:
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """Return the block that has these standardised innovations."""
         return self._filtered(block, True)
+
+    def score(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the likelihood by the logarithms of the standard deviations.
+
+        Parameters
+        ----------
+        white : ndarray, shape (n, n_channels, q)
+            Standardised innovations whose squares are added up: of the residual, and of what is uncertain in it.
+
+        Returns
+        -------
+        noise : ndarray, shape (n_c,)
+            By those of the white noise, at a given correlation.
+        processes : ndarray, shape (p,)
+        """
+        r, model = self.record, self.model
+        driving, noise = np.zeros(len(model.processes)), np.zeros((white.shape[1], white.shape[1]))
+        score_pass(
+            r.phi,
+            r.gamma0,
+            r.gamma1,
+            r.c,
+            r.d,
+            r.observed,
+            r.counts,
+            *_indices(model.processes),
+            _decay(r, model.processes),
+            self.gain,
+            self.root,
+            np.ascontiguousarray(white),
+            driving,
+            noise,
+        )
+        return np.sum(noise * model.noise_covariance(), axis=1), driving * np.array([q.std**2 for q in model.processes])
 
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)

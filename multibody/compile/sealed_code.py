@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,18 +69,21 @@ def kept(dispatcher: Any, text: str) -> Any:
     return dispatcher
 
 
-def njit_kept(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator as `numba.njit` for a function that needs nothing of its module but numpy.
+def njit_kept(calls: Sequence[Callable[..., Any]] = (), **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator as `numba.njit` for a function that needs nothing of its module but numpy and what it calls.
 
     Its machine code is kept in the cache folder.
 
     Parameters
     ----------
+    calls : sequence of numba function
+        Other functions of the module that it calls.
     **options
         Of `numba.njit`.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return kept(numba.njit(**options)(function), repr(options) + inspect.getsource(function))
+        texts = (inspect.getsource(getattr(f, "py_func", f)) for f in (*calls, function))
+        return kept(numba.njit(**options)(function), repr(options) + "".join(texts))
 
     return decorate

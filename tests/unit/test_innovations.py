@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_fit import OWN_PRIOR, RecordColumns, fit_noise, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import (
+    RecordColumns,
+    fit_noise,
+    restricted_log_likelihood,
+    restricted_score,
+)
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 
 STEP, STIFFNESS, DAMPING = 0.02, 40.0, 1.5
 NO_PRIOR = np.array([np.inf, np.inf])
 NO_OFFSET = np.zeros(2)
+SPREAD = np.array([0.05, 0.3])
 
 
 def oscillator(count: int) -> LinearRecord:
@@ -76,7 +82,13 @@ def columns_of(record: LinearRecord, seed: int, model: NoiseModel) -> RecordColu
         residual=(root @ rng.standard_normal(2 * count)).reshape(count, 2),
         shared=shared,
         own=np.exp(-record.time)[:, None, None] * np.ones((1, 2, 1)),
+        spread=SPREAD,
     )
+
+
+def without_unknowns(record: LinearRecord, residual: np.ndarray) -> RecordColumns:
+    none = np.zeros((*residual.shape, 0))
+    return RecordColumns(record=record, residual=residual, shared=none, own=none, spread=SPREAD)
 
 
 def test_the_filter_whitens_as_the_dense_covariance_does() -> None:
@@ -95,10 +107,10 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
     inverse = np.linalg.inv(dense_covariance(record, model))
     e = one.residual.ravel()
     f = np.concatenate([one.shared, one.own], axis=2).reshape(80, 3)
-    # own unknowns are scaled by their size, which is the same for all models
-    f[:, 2] /= np.linalg.norm(f[:, 2])
+    # own unknowns are scaled so that one moves the outputs by their spread, and that is its prior's deviation
+    f[:, 2] /= np.sqrt(np.mean(np.sum((one.own[:, :, 0] / SPREAD) ** 2, axis=1)))
     normal = f.T @ inverse @ f
-    normal[2, 2] *= 1.0 + OWN_PRIOR**2  # their wide prior
+    normal[2, 2] += 1.0
     right = f.T @ inverse @ e
     expected = (
         -0.5 * (e @ inverse @ e - right @ np.linalg.solve(normal, right))
@@ -106,6 +118,36 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
         - 0.5 * np.linalg.slogdet(normal)[1]
     )
     assert restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("left_out", [slice(0, 0), slice(20, 31)])
+def test_the_score_is_the_slope_of_the_likelihood(left_out: slice) -> None:
+    """By all deviations, with correlated noise, a force, a drift, a second record, and unknowns of both sorts."""
+    mask = np.zeros(60, dtype=bool)
+    mask[left_out] = True
+    record, model = oscillator(60).without(mask), noise_model()
+    records = [replace(columns_of(record, seed, model), record=record) for seed in (1, 2)]
+    prior, offset = np.array([0.01, np.inf]), np.array([0.02, 0.0])
+    value, slopes = restricted_score(records, model, prior, offset)
+    assert value == restricted_log_likelihood(records, model, prior, offset)
+    deviations = np.array([*model.noise, *(q.std for q in model.processes)])
+
+    def along(log_change: np.ndarray) -> float:
+        std = deviations * np.exp(log_change)
+        processes = tuple(replace(q, std=s) for q, s in zip(model.processes, std[2:], strict=True))
+        changed = replace(model, noise=tuple(std[:2]), processes=processes)
+        return restricted_log_likelihood(records, changed, prior, offset)
+
+    steps = 1e-4 * np.eye(4)
+    expected = [(along(h) - along(-h)) / 2e-4 for h in steps]
+    np.testing.assert_allclose(slopes, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_covariance_that_is_not_positive_has_no_likelihood() -> None:
+    one = columns_of(oscillator(40), 1, noise_model())
+    impossible = replace(noise_model(), correlation=np.array([[1.0, 1.5], [1.5, 1.0]]), processes=())
+    assert restricted_log_likelihood([one], impossible, NO_PRIOR, NO_OFFSET) == -np.inf
+    assert restricted_score([one], impossible, NO_PRIOR, NO_OFFSET)[0] == -np.inf
 
 
 def test_an_own_unknown_that_the_record_hardly_determines_does_not_change_the_likelihood() -> None:
@@ -136,6 +178,7 @@ def test_the_order_of_outputs_does_not_matter() -> None:
         residual=one.residual[:, ::-1],
         shared=one.shared[:, ::-1],
         own=one.own[:, ::-1],
+        spread=SPREAD[::-1],
     )
     force, drift = model.processes
     other = NoiseModel(
@@ -156,6 +199,7 @@ def test_differences_do_not_depend_on_units() -> None:
         residual=one.residual * unit,
         shared=one.shared * unit[:, None],
         own=one.own * unit[:, None],
+        spread=SPREAD * unit,
     )
 
     def in_millimetres(m: NoiseModel) -> NoiseModel:
@@ -191,6 +235,7 @@ def test_a_record_of_sensor_noise_may_be_split_in_two() -> None:
             residual=whole.residual[part],
             shared=whole.shared[part],
             own=whole.own[part],
+            spread=SPREAD,
         )
         for part in (slice(0, 30), slice(30, 60))
     ]
@@ -211,7 +256,7 @@ def test_the_noise_of_a_record_is_estimated() -> None:
         x = record.phi[k] @ x + record.gamma0[k, :, 0] * force[k] + record.gamma1[k, :, 0] * force[k + 1]
         outputs[k + 1] = x
     outputs += rng.standard_normal((1500, 2)) @ np.linalg.cholesky(truth.noise_covariance()).T
-    one = RecordColumns(record=record, residual=outputs, shared=np.zeros((1500, 2, 0)), own=np.zeros((1500, 2, 0)))
+    one = without_unknowns(record, outputs)
     memories = (0.04, 0.3, 3.0)
     candidates = [Process(where="spring", source=0, channel=-1, memory=m, std=0.1) for m in memories]
     candidates += [Process(where="position", source=-1, channel=0, memory=m, std=0.003) for m in memories[1:]]
@@ -231,8 +276,10 @@ def test_white_noise_gets_no_latent_force() -> None:
     added = 0
     for seed in range(40):
         noise = np.random.default_rng(seed).standard_normal((200, 2)) * np.array([0.003, 0.02])
-        one = RecordColumns(record=record, residual=noise, shared=np.zeros((200, 2, 0)), own=np.zeros((200, 2, 0)))
+        one = without_unknowns(record, noise)
         model, _ = fit_noise([one], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates)
+            [without_unknowns(record, noise)], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates
+        )
         added += bool(model.processes)
     assert added <= 2
 
