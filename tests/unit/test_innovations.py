@@ -278,8 +278,6 @@ def test_white_noise_gets_no_latent_force() -> None:
         noise = np.random.default_rng(seed).standard_normal((200, 2)) * np.array([0.003, 0.02])
         one = without_unknowns(record, noise)
         model, _ = fit_noise([one], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates)
-            [without_unknowns(record, noise)], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates
-        )
         added += bool(model.processes)
     assert added <= 2
 
