@@ -24,6 +24,7 @@ from discrepancy.evidence.checks import Check, checks_by_output, predictive_chec
 from discrepancy.evidence.posterior import Posterior, posterior
 from discrepancy.evidence.random_forces import RandomForces, random_forces_of
 from discrepancy.evidence.search import EvidenceSearch
+from discrepancy.evidence.uneven_forces import UnevenForce, uneven_random_forces
 from discrepancy.questions.next_measurement import next_measurements
 from discrepancy.questions.parameter_trend import Trend, parameter_trends
 from discrepancy.questions.unknown_force import (
@@ -70,11 +71,12 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         verdict = "unknown effect"
     checks = _checks(state, by_evidence)
     failed = [c for c in checks if not c.passed]
-    if failed:
+    uneven = _uneven(state, by_evidence)
+    if failed or uneven:
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
     elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
         verdict = "partly explained"
-    if by_evidence is not None and not accepted and (failed or poor_fit_note(last, verdict)):
+    if by_evidence is not None and not accepted and (verdict == "unknown effect" or poor_fit_note(last, verdict)):
         # what the noise model takes for a random force is too large to be left without a word
         verdict = "unknown effect"
         described = state.if_simulated("where the missing force acts", lambda: _force_that_follows_inputs(state))
@@ -109,6 +111,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     else:
         sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
+    sentences += [u.sentence for u in uneven]
     sentences += [check_sentence(failed)] if failed else []
     probabilities = _probabilities(by_evidence, verdict)
     sentences += [probability_sentence(probabilities)] if probabilities is not None else []
@@ -130,6 +133,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         extra["parameter_trends"] = [t.to_dict() for t in trends]
     if probabilities is not None:
         extra["probabilities"] = probabilities.to_dict()
+    if uneven:
+        extra["uneven_forces"] = [u.to_dict() for u in uneven]
     if checks:
         extra["predictive_checks"] = [c.to_dict() for c in checks]
         extra["checks"] = checks_by_output(checks, last.fits(judged_on))
@@ -175,6 +180,14 @@ def _checks(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Che
         return ()
     checks = state.if_simulated("whether the innovations are as promised", lambda: predictive_checks(likelihood))
     return checks or ()
+
+
+def _uneven(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[UnevenForce, ...]:
+    """Return the random forces of the final model that act only in a part of the motion."""
+    likelihood = by_evidence.likelihood if by_evidence is not None else None
+    if likelihood is None:
+        return ()
+    return state.if_simulated("whether random forces are even", lambda: uneven_random_forces(likelihood)) or ()
 
 
 def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterior | None:
