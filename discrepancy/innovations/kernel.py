@@ -71,6 +71,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     for j in range(p):
         P[n + j, n + j] = variance[j]
     H, PH = np.zeros((n_c, size)), np.zeros((size, n_c))
+    M, MP = np.zeros((size, size)), np.zeros((size, size))
     S, L, weight = np.zeros((n_c, n_c)), np.zeros((n_c, n_c)), np.zeros((n_c, n_c))
     log_det = 0.0
     for k in range(count):
@@ -111,13 +112,34 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                     for j in range(n_c):
                         total += PH[r, j] * weight[j, i]
                     gain[k, r, i] = total
-            for r in range(size):
-                for s in range(r + 1):
-                    total = P[r, s]
-                    for i in range(n_c):
-                        total -= gain[k, r, i] * PH[s, i]
-                    P[r, s] = total
-                    P[s, r] = total
+            surprising = False
+            for i in range(n_c):
+                surprising |= L[i, i] ** 2 > 1e6 * noise[i, i]  # where dry friction lets go, a state grows by 1e5
+            if surprising:  # Joseph's form: a difference of large numbers would lose what is left of P
+                for r in range(size):
+                    for s in range(size):
+                        total = 1.0 if r == s else 0.0
+                        for i in range(n_c):
+                            total -= gain[k, r, i] * H[i, s]
+                        M[r, s] = total
+                np.dot(M, P, MP)
+                np.dot(MP, M.T, P)
+                for r in range(size):
+                    for s in range(r + 1):
+                        total = 0.5 * (P[r, s] + P[s, r])
+                        for i in range(n_c):
+                            for j in range(n_c):
+                                total += gain[k, r, i] * noise[i, j] * gain[k, s, j]
+                        P[r, s] = total
+                        P[s, r] = total
+            else:
+                for r in range(size):
+                    for s in range(r + 1):
+                        total = P[r, s]
+                        for i in range(n_c):
+                            total -= gain[k, r, i] * PH[s, i]
+                        P[r, s] = total
+                        P[s, r] = total
         if k + 1 == count:
             break
         _state_rows(phi, g0, g1, source, decay, k, A)

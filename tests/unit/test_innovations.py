@@ -323,3 +323,19 @@ def test_a_force_at_a_standstill_acts_only_there() -> None:
     before, after = (innovation_weighting(more, m).root for m in (quiet, loud))
     np.testing.assert_allclose(after[:10], before[:10], rtol=1e-12)
     assert np.all(after[12:16, 1, 1] < 0.5 * before[12:16, 1, 1]), "speeds are less certain there"
+
+
+def test_a_state_that_grows_at_once_loses_nothing_of_the_covariance() -> None:
+    """Where dry friction lets go, a state of the linearised machine grows by 1e5 and more from one sample to the next.
+
+    If both states grow ten times as much, so do the deviations of the two outputs that tell of them, and nothing else.
+    """
+
+    def log_det(growth: float) -> float:
+        record = oscillator(60)
+        phi = record.phi.copy()
+        phi[20] *= growth
+        return innovation_weighting(replace(record, phi=phi), noise_model()).log_det
+
+    for growth in (1e7, 1e8, 1e10):
+        assert log_det(10.0 * growth) - log_det(growth) == pytest.approx(2.0 * np.log(10.0), abs=1e-3)
