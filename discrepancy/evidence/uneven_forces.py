@@ -79,7 +79,8 @@ class _Regime:
 def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]:
     """Return the random forces that act mostly in one part of the motion.
 
-    The force is replaced by two of the same memory, one of them times a step over position or speed.  It is uneven if
+    The force is replaced by two of the same memory, one of them times a step over position or speed of the connection
+    that it acts at: what it belongs to is there.  It is uneven if
     the likelihood rises by more than a further process must earn, the choice of the step included.
 
     Parameters
@@ -88,14 +89,14 @@ def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]
     """
     fitted, linearised = likelihood.noise, likelihood.linearised
     columns, std, offset = record_columns(linearised, fitted.records, likelihood.held)
-    model, regimes = fitted.model, list(_regimes(likelihood))
-    price = WORTH + float(np.log(max(2 * len(regimes), 1)))
+    model, every = fitted.model, _regimes(likelihood)
     step = float(np.median(np.concatenate([np.diff(c.record.time) for c in columns])))
     uneven = []
     for k, process in enumerate(model.processes):
         if process.source < 0 or process.at_standstill or process.memory < SLOW * step:
             continue
-
+        regimes = every.get(process.where, [])
+        price = WORTH + float(np.log(max(2 * len(regimes), 1)))
         trials = [t for regime in regimes for t in _trials(columns, model, k, regime)]
         if not trials:
             continue
@@ -133,9 +134,10 @@ def _trials(columns: Sequence[RecordColumns], model: NoiseModel, k: int, regime:
             yield _Trial(regime=regime, columns=modulated, model=replace(model, processes=tuple(processes)))
 
 
-def _regimes(likelihood: StageLikelihood) -> Iterator[_Regime]:
-    """Yield the parts of the motion of every connection: above and below some positions and speeds."""
+def _regimes(likelihood: StageLikelihood) -> dict[str, list[_Regime]]:
+    """Return the parts of the motion of every connection: above and below some of its positions and speeds."""
     linearised, records = likelihood.linearised, likelihood.noise.records
+    regimes: dict[str, list[_Regime]] = {}
     for place in linearised.system.places:
         names = [n for n, _ in place.motion_names()]
         for what, own in zip(("position", "speed"), names, strict=False):
@@ -147,8 +149,13 @@ def _regimes(likelihood: StageLikelihood) -> Iterator[_Regime]:
             for share in EDGES:
                 edge = float(np.quantile(pooled, share))
                 above = [0.5 * (1.0 + np.tanh(0.5 * (s - edge) / width)) for s in signals]
-                yield _Regime(what=f"a {what} of {place.name} above {edge:.3g}", weights=above)
-                yield _Regime(what=f"a {what} of {place.name} below {edge:.3g}", weights=[1.0 - a for a in above])
+                regimes.setdefault(place.name, []).extend(
+                    (
+                        _Regime(what=f"a {what} of {place.name} above {edge:.3g}", weights=above),
+                        _Regime(what=f"a {what} of {place.name} below {edge:.3g}", weights=[1.0 - a for a in above]),
+                    )
+                )
+    return regimes
 
 
 def _along(likelihood: StageLikelihood, i: int, record: LinearRecord, name: str) -> np.ndarray:
