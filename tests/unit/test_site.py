@@ -6,6 +6,7 @@ import html
 import importlib.util
 from pathlib import Path
 
+import markdown
 import pytest
 
 from docs._site.navigation import navigation
@@ -24,8 +25,6 @@ def check_site():
 
 
 def rendered(text: str) -> str:
-    markdown = pytest.importorskip("markdown", reason="pip install -e '.[docs]'")
-    pytest.importorskip("latex2mathml", reason="pip install -e '.[docs]'")
     return markdown.markdown(text, extensions=["docs._site.mathml", "tables"])
 
 
