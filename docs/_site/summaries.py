@@ -72,7 +72,7 @@ def rates_table(page: str) -> str:
             counts = [(int(c[1]), int(c[2])) for c in cells(section) if c[0].startswith(beginning)]
             hits, trials = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
             low, high = wilson(hits, trials)
-            row.append(f"{hits}/{trials} ({100 * low:.0f} to {100 * high:.0f} %)" if trials else "–")
+            row.append(f"{hits}/{trials} ({100 * low:.0f}–{100 * high:.0f}\u00a0%)" if trials else "–")
         lines.append(f"| {what} | {' | '.join(row)} |")
     return "\n".join(lines)
 
