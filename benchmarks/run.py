@@ -24,7 +24,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "benchmarks" / "index.md"
+PAGE = HERE.parent / "docs" / "benchmarks" / "computing-times.md"
 FEWEST_ROUNDS = 3
 LINEAR_ALGEBRA = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 TURN_SECONDS, MOST_CALLS = 0.02, 100  # what is shorter is called several times in a turn
@@ -209,7 +209,7 @@ def machine() -> str:
     return ", ".join(parts)
 
 
-HEADER = """# Benchmarks
+HEADER = """# Computing times
 
 `python benchmarks/run.py --write-docs` measures everything again and writes this page; with names of subjects it
 writes their sections only. The entries of a table take turns; the ratio is to the first of them, as the median (and
@@ -251,7 +251,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--clock", choices=CLOCKS, default="wall", help="cpu: processor time, where other programs run meanwhile"
     )
     parser.add_argument("--json", type=Path, help="write all single times into this file")
-    parser.add_argument("--write-docs", action="store_true", help="write the sections into docs/benchmarks/index.md")
+    parser.add_argument(
+        "--write-docs", action="store_true", help=f"write the sections into docs/benchmarks/{PAGE.name}"
+    )
     options = parser.parse_args(arguments)
     for name in LINEAR_ALGEBRA:  # as the vtsdt command does
         os.environ.setdefault(name, "1")

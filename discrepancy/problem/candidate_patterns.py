@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import discrepancy.effects.effect  # noqa: F401 - kinds inside components join the catalogue
 from discrepancy.effects.catalogue import Entry, catalogue
-from discrepancy.effects.kinds import kinds
+from discrepancy.effects.kinds import Kind, kinds
 from multibody.base.spelling import nearest_or_choices
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ def check_patterns(
                 )
             elif key == "include":
                 of_kind = sorted({e.where for e in entries if e.kind.name in named})
-                there = f"; it can be at {', '.join(of_kind)}" if of_kind else ""
+                missing = _what_is_missing(kinds()[named[0]], system)
+                there = f"; it can be at {', '.join(of_kind)}" if of_kind else missing
                 warnings.append(f"{lead} fits nothing of this model{there}: `vtsdt catalogue` lists what does")
     if not faults and not catalogue(system, outputs, inputs, include=include, exclude=exclude):
         faults.append(
@@ -76,6 +77,21 @@ def check_patterns(
             + ("".join(f"; {text.partition(': ')[2]}" for text in warnings) or ": include more, or exclude less")
         )
     return PatternCheck(tuple(faults), tuple(warnings))
+
+
+def _what_is_missing(kind: Kind, system: System) -> str:
+    """Return which part a kind of effect belongs to where the model lacks the part, or has it without the effect."""
+    if kind.component is None:
+        return ""
+    classes = kind.component if isinstance(kind.component, tuple) else (kind.component,)
+    strength = kind.strengths[0] + (kind.sides[0][1] if kind.sides else "")
+    for name, component in system.model.components.items():
+        if isinstance(component, classes) and strength not in component.values:
+            return f"; '{name}' has it only with {type(component).declarations[strength].when}=True"
+        if isinstance(component, classes):
+            return f"; '{name}' has {strength} = {component.values[strength]:g}"
+    parts = " or ".join(f"{c.__module__}.{c.__name__}" for c in classes)
+    return f"; it is an effect of {parts}, and the model has none: build one into the model, or take the pattern out"
 
 
 def _places(entry: Entry) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from estimation.fit.calibrate import UncertainParameter
 from estimation.response.experiment import Experiment
 from estimation.signals.metrics import LEAST_SAMPLES
 from estimation.signals.preparation import Preparation, SignalError
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from multibody.machine.model import Model, System
@@ -257,8 +258,8 @@ def _too_short(experiment: Experiment) -> str:
     rows = len(experiment.record.time)
     cause = "" if left == rows else f" of {rows} after start, stop, low_pass_hz, edge and decimate"
     return (
-        f"[records]: '{experiment.record.path.name}' ({experiment.name}): {left} rows{cause} are too few, at least "
-        f"{LEAST_SAMPLES} are needed: name a longer recording{' or keep more of it' if cause else ''}"
+        f"[records]: '{experiment.record.path.name}' ({experiment.name}): has {count_text(left, 'row')}{cause}, at "
+        f"least {LEAST_SAMPLES} are needed: name a longer recording{' or keep more of it' if cause else ''}"
     )
 
 

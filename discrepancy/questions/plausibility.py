@@ -16,6 +16,7 @@ from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.problem.start_states import at_rest
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -129,7 +130,7 @@ def _records(experiments: Sequence[Experiment], notes: _Notes) -> None:
     total = sum(float(e.record.duration) for e in experiments)
     rates = sorted({round(float(e.record.rate), 3) for e in experiments})
     listed = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} to {rates[-1]:g}"
-    notes.facts.append(f"{len(experiments)} records to fit, {total:.4g} s in all, at {listed} Hz")
+    notes.facts.append(f"{count_text(len(experiments), 'record')} to fit, {total:.4g} s in all, at {listed} Hz")
     for name in experiments[0].inputs:
         if all(np.ptp(e.record.signals[name].values) == 0.0 for e in experiments):
             notes.warnings.append(f"input '{name}' is constant in every record: it excites nothing")

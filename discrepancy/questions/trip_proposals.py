@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from discrepancy.questions.trip_plan import TripPlan
 from discrepancy.statistics.thresholds import DECISIVE_BIC
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,8 +118,8 @@ class NextMeasurement:
         top = self.proposals[0]
         if top.repeats is None:
             return (
-                f"{purpose}: none of {len(self.proposals)} trips with these or other sensors distinguishes them; they "
-                "look the same to every output of the model."
+                f"{purpose}: none of {count_text(len(self.proposals), 'trip')} with these or other sensors "
+                "distinguishes them; they look the same to every output of the model."
             )
         many = "one trip" if top.repeats == 1 else f"{top.repeats} trips"
         text = (

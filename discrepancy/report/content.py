@@ -16,7 +16,7 @@ from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.report.method_section import how, records
 from discrepancy.report.wording import chance_words, interval_words, ratio_words, rival_words, share_words
 from discrepancy.stages.stage import AcceptedEffect, Stage
-from multibody.base.quantity_text import quantity_text, two_quantities_text, unit_text
+from multibody.base.quantity_text import count_text, quantity_text, two_quantities_text, unit_text
 
 __all__ = ["content"]
 
@@ -134,7 +134,7 @@ def _sentence(text: str) -> str:
 def _compared(conclusion: Conclusion) -> str:
     fits = {part: conclusion.final.fits(part) for part in PARTS}
     text = (
-        f"The model '{conclusion.final.model.name}' was compared with {_count(len(fits['identify']), 'record')} "
+        f"The model '{conclusion.final.model.name}' was compared with {count_text(len(fits['identify']), 'record')} "
         f"({_seconds(fits['identify'])}) used for fitting"
     )
     if fits["validate"]:
@@ -144,16 +144,12 @@ def _compared(conclusion: Conclusion) -> str:
             else "They were not used to fit parameters, but an effect that they do not confirm is not announced."
         )
         return text + (
-            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out. {purpose}"
+            f" and {count_text(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out. {purpose}"
         )
     return text + (
         ". No record was held out, so the result cannot be verified on records that were not used to find it; hold one "
         "out if possible."
     )
-
-
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}" + ("" if n == 1 else "s")
 
 
 def _seconds(fits: Any) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from discrepancy.questions.compare import PARTS
 from discrepancy.report.figures import PART_WORDS
 from discrepancy.report.wording import share_words
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from discrepancy.conclusion.conclusion import Conclusion
@@ -65,8 +66,8 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
         lines.append(
             (
                 "Tested",
-                f"{len(scan.rows) + len(scan.refused)} effects, one for each kind at each place where it can act; "
-                "everything that a recalibration could explain is projected out first",
+                f"{count_text(len(scan.rows) + len(scan.refused), 'effect')}, one for each kind at each place where "
+                "it can act; everything that a recalibration could explain is projected out first",
             )
         )
     if conclusion.verdict:

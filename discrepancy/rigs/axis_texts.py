@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from discrepancy.rigs import texts as rig_texts
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from discrepancy.questions.trip_plan import TripPlan
@@ -35,8 +36,8 @@ guide. A position loop around a speed loop, both on the motor's encoder, follows
 
 | file | what it is |
 | --- | --- |
-| `identify_*.csv.gz` | {len(case.identify)} trips for fitting and choosing |
-| `validate_*.csv.gz` | {len(case.validate)} trips that are held back |
+| `identify_*.csv.gz` | {count_text(len(case.identify), "trip")} for fitting and choosing |
+| `validate_*.csv.gz` | {count_text(len(case.validate), "trip")} held out |
 | `axis.py` | the model under test |
 | `study.toml` | the study: `vtsdt diagnose study.toml --out diagnosis` |
 | `truth.json` | what was done to the rig, for comparing afterwards; the study does not read it |

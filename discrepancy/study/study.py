@@ -28,6 +28,7 @@ from discrepancy.study.priors import Prior, with_priors
 from discrepancy.study.unknown import curve_at, force_at
 from discrepancy.study.what_if import simulate_with
 from multibody.base.progress import silent
+from multibody.base.quantity_text import count_text
 from multibody.base.stopping import go_on
 
 if TYPE_CHECKING:
@@ -343,9 +344,9 @@ class Study(SearchState):
     def _repr_html_(self) -> str:
         from discrepancy.stages.errors_view import errors_view
 
-        text = f"{len(self.problem.identify)} records to fit, {len(self.problem.validate)} held out."
+        text = f"{count_text(len(self.problem.identify), 'record')} to fit, {len(self.problem.validate)} held out."
         return errors_view(f"Study '{self.problem.name}'", self.stages, text)
 
     def __repr__(self) -> str:
         records = f"{len(self.problem.identify)} + {len(self.problem.validate)} records"
-        return f"Study({self.problem.name!r}: {records}, {len(self.stages)} stages)"
+        return f"Study({self.problem.name!r}: {records}, {count_text(len(self.stages), 'stage')})"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.files.faults import RecordError
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,7 +129,7 @@ class Record:
         panels = [(f"{key} [{s.unit or '1'}]", {key: s.values}) for key, s in list(self.signals.items())[:3]]
         text = f"{len(self.time)} samples over {self.duration:.4g} s at {self.rate:.5g} Hz, from {self.path.name}."
         if self.warnings:
-            text += f" {len(self.warnings)} warnings: {'; '.join(self.warnings)}"
+            text += f" {count_text(len(self.warnings), 'warning')}: {'; '.join(self.warnings)}"
         figure = small_figure(self.time, panels) if panels else None
         header = ("signal", "unit", "column")
         return notebook_view(f"Record '{self.name}'", rows, header=header, text=text, figure=figure)

@@ -25,6 +25,7 @@ from estimation.files.record_checks import (
 )
 from estimation.files.table import FileTable
 from multibody.base.memory import machine_memory
+from multibody.base.quantity_text import count_text
 from multibody.base.units import UnitError
 
 __all__ = ["absence_note", "records_from_table"]
@@ -224,7 +225,9 @@ class _Conversion:
                     f"'{self.time}' runs from {np.nanmin(time):.6g} to {np.nanmax(time):.6g} s: change "
                     "start and stop in [records]"
                 )
-            self.log.append(f"left out {int(outside.sum())} rows outside the window given by start and stop")
+            self.log.append(
+                f"left out {count_text(int(outside.sum()), 'row')} outside the window given by start and stop"
+            )
         return ~outside
 
     def _finite_rows(self, time: np.ndarray, values: Mapping[str, np.ndarray], rows: Rows) -> np.ndarray:
@@ -251,7 +254,7 @@ class _Conversion:
             seen[label] = seen.get(label, 0) + 1
             again = "" if seen[label] == 1 else f", {seen[label]}"
             trips.append((f"[{label}{again}]", np.arange(start, stop)))
-        self.log.append(f"{len(trips)} trips after column '{self.rules.trip}'")
+        self.log.append(f"{count_text(len(trips), 'trip')} after column '{self.rules.trip}'")
         return trips
 
     def _even_parts(
@@ -287,7 +290,10 @@ class _Conversion:
         bounds = np.concatenate(([0], gaps + 1, [len(time)]))
         short = [b - a for a, b in itertools.pairwise(bounds) if len(gaps) and b - a < SHORTEST_PART]
         if short:
-            self.warnings.append(f"{file}: left out {len(short)} parts between gaps ({sum(short)} rows): too short")
+            self.warnings.append(
+                f"{file}: left out {count_text(len(short), 'part')} between gaps "
+                f"({count_text(sum(short), 'row')}): too short"
+            )
         parts = [(a, b) for a, b in itertools.pairwise(bounds) if not len(gaps) or b - a >= SHORTEST_PART]
         if not parts:
             self.faults.append(f"{file}: every part between two gaps is shorter than {SHORTEST_PART} rows")
@@ -297,7 +303,7 @@ class _Conversion:
             at = slice(None) if whole else index[inside]
             values = {key: replace(s, values=s.values[at]) for key, s in signals.items()}
             name = f"{self.name}{label}" + (f" part {number}" if len(parts) > 1 else "")
-            cut = [f"cut at {len(gaps)} gaps"] if len(gaps) else []
+            cut = [f"cut at {count_text(len(gaps), 'gap')}"] if len(gaps) else []
             record = Record(
                 name=name,
                 path=self.table.path,

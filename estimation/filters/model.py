@@ -11,6 +11,7 @@ import numpy as np
 
 from estimation.filters.errors import FilterError
 from estimation.filters.latent import Latent, latent_readouts
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -198,7 +199,7 @@ class FilterModel:
     def __repr__(self) -> str:
         latent = f" + {self.n - len(self.system.states)} latent" if self.latents else ""
         return (
-            f"FilterModel({self.system.name!r}: {len(self.system.states)} states{latent}, "
+            f"FilterModel({self.system.name!r}: {count_text(len(self.system.states), 'state')}{latent}, "
             f"measured {', '.join(self.measured)}, {self.jacobian} derivatives)"
         )
 

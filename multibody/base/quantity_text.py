@@ -7,11 +7,36 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["bare_unit", "number_text", "quantity_text", "readable_scale", "two_quantities_text", "unit_text"]
+__all__ = [
+    "bare_unit",
+    "count_text",
+    "number_text",
+    "quantity_text",
+    "readable_scale",
+    "two_quantities_text",
+    "unit_text",
+]
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXED = ("m", "N", "N*m", "s", "V", "A", "W", "J", "Pa", "m/s", "rad", "rad/s")
+
+
+def count_text(count: int, noun: str) -> str:
+    """Return a number of things, with the noun in the plural unless there is one.
+
+    Parameters
+    ----------
+    count : int
+    noun : str
+        In the singular; its plural ends in "s".
+
+    Examples
+    --------
+    >>> count_text(1, "record"), count_text(12, "record")
+    ('1 record', '12 records')
+    """
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def unit_text(unit: str) -> str:

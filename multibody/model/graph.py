@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from typing import NamedTuple
 
+from multibody.base.quantity_text import count_text
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Output, Port
@@ -220,6 +221,6 @@ class ModelGraph:
 
     def __repr__(self) -> str:
         return (
-            f"{type(self).__name__}({self.name!r}: {len(self._components)} components, "
-            f"{len(self._connections)} connections, {len(self._inputs)} inputs)"
+            f"{type(self).__name__}({self.name!r}: {count_text(len(self._components), 'component')}, "
+            f"{count_text(len(self._connections), 'connection')}, {count_text(len(self._inputs), 'input')})"
         )

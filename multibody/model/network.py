@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from multibody.base.quantity_text import count_text
 from multibody.base.spelling import nearest
 from multibody.base.units import same_dimension
 from multibody.declare.checks import declaration_faults, name_fault
@@ -228,7 +229,7 @@ def _join(
 
 def _signal_connection(model: ModelGraph, shown: str, outputs: list[str], inputs: list[str], net: Network) -> None:
     if len(outputs) != 1:
-        count = "no output" if not outputs else f"{len(outputs)} outputs"
+        count = count_text(len(outputs), "output") if outputs else "no output"
         net.faults.append(f"connection '{shown}' has {count}: connect exactly one output to one or more inputs")
         return
     source = outputs[0]

@@ -12,6 +12,7 @@ from multibody.assembly.assemble import find_places
 from multibody.assembly.equation_set import Quantity
 from multibody.assembly.places import Place
 from multibody.base.errors import ModelError
+from multibody.base.quantity_text import count_text
 from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity
 from multibody.compile.assembled import plan_of
@@ -356,10 +357,9 @@ class CompiledSystem:
         return colours
 
     def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}({self.name!r}: {len(self.states)} states, {len(self.inputs)} inputs, "
-            f"{len(self.parameters)} parameters, {len(self.outputs)} outputs)"
-        )
+        counts = {"state": self.states, "input": self.inputs, "parameter": self.parameters, "output": self.outputs}
+        listed = ", ".join(count_text(len(names), noun) for noun, names in counts.items())
+        return f"{type(self).__name__}({self.name!r}: {listed})"
 
 
 def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.quantity_text import count_text
 from multibody.base.spelling import nearest
 from multibody.system.compiled import CompiledSystem
 
@@ -155,5 +156,5 @@ class Trajectory:
         method = self.statistics.get("method", "?")
         return (
             f"Trajectory({self.system.name!r}: {t.size} samples from {t[0]:g} s to {t[-1]:g} s, "
-            f"{len(self.system.output_names)} outputs, {method})"
+            f"{count_text(len(self.system.output_names), 'output')}, {method})"
         )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from multibody.base.progress import silent
+from multibody.base.quantity_text import count_text
 from operation.follow.judge import Judged
 from operation.follow.naming import NAMED_FROM, name_effect, problem_of_series, reference_priors
 from operation.follow.notify import NotDelivered, deliver
@@ -175,7 +176,9 @@ class Follower:
         series = [(j.name, frame) for j in since if (frame := self.store.series(machine, j.key)) is not None]
         if not series or self.study is None:
             return []
-        self.progress(f"{change.quantity} has changed: search for what has come in, on {len(series)} records")
+        self.progress(
+            f"{change.quantity} has changed: search for what has come in, on {count_text(len(series), 'record')}"
+        )
         template = read_problem(self.study, recordings=[path])
         found = name_effect(problem_of_series(template, series), reference_priors(state, change.since))
         subject = ", ".join(f"{e['kind']}@{e['where']}" for e in found["effects"]) or found["verdict"]

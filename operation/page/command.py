@@ -10,6 +10,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from multibody.base.quantity_text import count_text
 from multibody.base.spelling import nearest_or_choices
 from multibody.base.terminal_text import printable
 from operation.follow.command import MACHINES, study_priors
@@ -70,7 +71,7 @@ def history(args: Namespace) -> int:
             sys.stdout.write(json.dumps({n: _as_json(s, store, n) for n, s in found.items()}, indent=1) + "\n")
             return 0
         for name, state in found.items():
-            print(printable(f"{name}: {state.word} ({state.records} records, {state.refused} refused)"))
+            print(printable(f"{name}: {state.word} ({count_text(state.records, 'record')}, {state.refused} refused)"))
             for reason in state.reasons:
                 print(printable(f"  {reason}"))
             for event in store.events(name):

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from multibody.base.json_file import naming
+from multibody.base.quantity_text import count_text
 from operation.store.judgement import Judgement, Quantity
 from operation.store.schema import SCHEMA, VERSION
 
@@ -393,7 +394,9 @@ class Store:
 
     def __repr__(self) -> str:
         count = self._db.execute("SELECT COUNT(*) FROM records").fetchone()[0]
-        return f"Store({str(self.folder)!r}: {len(self.machines)} machines, {count} records)"
+        return (
+            f"Store({str(self.folder)!r}: {count_text(len(self.machines), 'machine')}, {count_text(count, 'record')})"
+        )
 
 
 def _safe(name: str) -> str:

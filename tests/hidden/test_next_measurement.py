@@ -72,7 +72,7 @@ def test_nothing_separates_is_said_so():
         record="trip",
         proposals=(hopeless,),
     ).sentence
-    assert "none of 1 trips" in told
+    assert "none of 1 trip with" in told
 
 
 @pytest.mark.parametrize("plan", ["speed=0.5", "stops=2", "speed=1.5,stops=1", "amplitude=0.5,mirror"])

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
+import tomllib
+from pathlib import Path
+
 import pytest
 from conftest import machine
 
 from discrepancy.problem.candidate_patterns import check_patterns
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def checked(include=("*",), exclude=()):
@@ -51,3 +57,26 @@ def test_a_kind_that_the_model_cannot_have_is_a_warning_beside_others_and_a_faul
 def test_patterns_that_leave_nothing_are_refused() -> None:
     (fault,) = checked(["coulomb_friction"], ["*friction@*"]).faults
     assert "no effect is left to look for: include more, or exclude less" in fault
+
+
+def test_an_effect_of_a_part_that_the_model_lacks_names_the_part() -> None:
+    import gearbox.stage.effects  # noqa: F401 - adds the gear stage's kinds; an installed package does so by itself
+
+    (fault,) = checked(["tooth_defect"]).faults
+    assert "an effect of gearbox.parts.mesh.HelicalMesh, and the model has none: build one into the model" in fault
+
+
+def test_an_effect_that_a_part_has_only_with_an_option_names_the_option() -> None:
+    import gearbox.stage.effects  # noqa: F401
+    from gearbox import GearStage
+
+    stage = GearStage.torsional(housing="clamped").build(probes=True)
+    (fault,) = check_patterns(stage, [stage.output_names[0]], [], ["tooth_defect"], []).faults
+    assert "has it only with imperfect=True" in fault
+
+
+def test_the_kinds_of_the_shipped_machines_are_offered_by_entry_points() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    offered = project["entry-points"]["vtsdt.effects"].values()
+    assert set(offered) == {"vtsdt.lift.stated_values", "gearbox.stage.effects"}
+    assert all(importlib.util.find_spec(name) for name in offered)

@@ -137,7 +137,7 @@ def test_what_a_study_lacks_is_bad_input(run: Run, tmp_path: Path) -> None:
     study.write_text(sound.replace("identify_01.csv.gz", "four.csv"))
     code, _, err = run("diagnose", "o/study.toml", "--out", "d")
     assert code == 2
-    assert "'four.csv' (four): 4 rows are too few, at least 8 are needed" in err
+    assert "'four.csv' (four): has 4 rows, at least 8 are needed" in err
     study.write_text(sound.replace('"reference.position" = "position_ref_mm"', ""))
     code, _, err = run("diagnose", "o/study.toml", "--out", "d")
     assert code == 2

@@ -259,7 +259,7 @@ def test_gaps_split_or_are_bridged_only_when_allowed(tmp_path):
     path = write(tmp_path / "a.csv", with_gap(2.0))
     parts = read_records([path], **ASKED, rules=ReadRules(gaps="split"))
     assert [(each.name, len(each.time)) for each in parts] == [("a part 1", 30), ("a part 2", 30)]
-    assert all("cut at 1 gaps" in each.log for each in parts)
+    assert all("cut at 1 gap" in each.log for each in parts)
     with pytest.raises(RecordError, match="gaps after"):
         read_records([path], **ASKED, rules=ReadRules(resample=100.0))
     (bridged,) = read_records([path], **ASKED, rules=ReadRules(resample=100.0, longest_gap=3.0))
@@ -275,7 +275,7 @@ def test_short_parts_between_gaps_are_warned_of(tmp_path):
     path = write(tmp_path / "a.csv", text(columns))
     parts = read_records([path], **ASKED, rules=ReadRules(gaps="split"))
     assert [len(each.time) for each in parts] == [30, 26]
-    assert "left out 1 parts between gaps (4 rows)" in warnings_of(parts)
+    assert "left out 1 part between gaps (4 rows)" in warnings_of(parts)
 
 
 def test_resampling_cannot_fold_vibration(tmp_path):

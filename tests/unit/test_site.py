@@ -6,10 +6,12 @@ import html
 import importlib.util
 from pathlib import Path
 
+import markdown
 import pytest
 
 from docs._site.navigation import navigation
 from docs._site.reference_pages import reference_pages
+from docs._site.summaries import SUMMARIES, with_summary
 from docs.generate import GENERATED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,8 +26,6 @@ def check_site():
 
 
 def rendered(text: str) -> str:
-    markdown = pytest.importorskip("markdown", reason="pip install -e '.[docs]'")
-    pytest.importorskip("latex2mathml", reason="pip install -e '.[docs]'")
     return markdown.markdown(text, extensions=["docs._site.mathml", "tables"])
 
 
@@ -90,3 +90,8 @@ def test_the_check_finds_dead_links_and_what_comes_from_elsewhere(check_site, tm
     assert len(found.splitlines()) == 4
     for named in ("gone.html", "b.html#three", "gone.png", "https://example.org/x.js"):
         assert named in found
+
+
+@pytest.mark.parametrize("name", SUMMARIES)
+def test_the_short_tables_are_those_of_the_measurements(name):
+    assert (ROOT / "docs" / name).read_text(encoding="utf-8") == with_summary(name), "python -m docs._site.summaries"

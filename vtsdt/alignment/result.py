@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.quantity_text import count_text
 from vtsdt.alignment.rail import rail_profile
 from vtsdt.alignment.sections import ONE_SIDED_95, Section, sections
 
@@ -334,7 +335,7 @@ class Alignment:
 
     def __repr__(self) -> str:
         listed = "; ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in self.sections) or "nowhere"
-        return f"Alignment({len(self.trips)} trips, above {1e3 * self.threshold:.2g} mm: {listed})"
+        return f"Alignment({count_text(len(self.trips), 'trip')}, above {1e3 * self.threshold:.2g} mm: {listed})"
 
 
 def _along(function: Any, values: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from discrepancy.rigs import texts as rig_texts
+from multibody.base.quantity_text import count_text
 from vtsdt.rig.parts import GearLoss
 from vtsdt.rig.rig import ACCELEROMETER_OFFSET, BEFORE
 
@@ -76,8 +77,8 @@ current loops follows a speed reference. The rig has 37 states; the model under 
 
 | file | content |
 | --- | --- |
-| `identify_*.csv.gz` | {len(case.identify)} trips for fitting and choosing |
-| `validate_*.csv.gz` | {len(case.validate)} trips that are held out |
+| `identify_*.csv.gz` | {count_text(len(case.identify), "trip")} for fitting and choosing |
+| `validate_*.csv.gz` | {count_text(len(case.validate), "trip")} held out |
 | `study.toml` | the study: `vtsdt diagnose study.toml --out diagnosis` |
 | `truth.json` | what was done to the rig, for comparison afterwards; the study does not read it |
 
