@@ -202,9 +202,11 @@ class Tyre(Component):
     stiffness = Parameter(None, "N/m", "force per compression", min=0.0)
     road = Input("m", "height of the road")
     wheel = Translation("hub")
+    power = Power(kind="supply", meaning="power that the road brings in, and that the tyre gives back")
 
     def equations(self):
         self.wheel.force = self.stiffness * (self.road - self.wheel.position)
+        self.power = self.wheel.force * self.wheel.velocity
 '''
 
 _KINDS = (
@@ -398,7 +400,7 @@ _KINDS = (
             Unknown("tyre.stiffness"),
         ),
         imports=("Mass", "SpringDamper"),
-        own_imports=("Component", "Input", "Parameter", "Translation"),
+        own_imports=("Component", "Input", "Parameter", "Power", "Translation"),
         classes=_ROAD,
         lines=(
             'body = model.add("body", Mass(m=300.0))',
@@ -446,16 +448,18 @@ _KINDS = (
             "model.connect(drain.flow, fall.flow)",
             'model.input("pump.flow", pump.flow)',
         ),
-        own_imports=("Component", "FluidPort", "Input"),
+        own_imports=("Component", "FluidPort", "Input", "Power"),
         classes='''
 class Fall(Component):
     """A jet that falls into a tank: a flow given by a signal."""
 
     flow = Input("m**3/s", "flow into the tank")
     port = FluidPort("bottom of the tank")
+    power = Power(kind="supply", meaning="power brought in")
 
     def equations(self):
         self.port.volume_flow = -self.flow
+        self.power = self.port.pressure * self.flow
 ''',
     ),
     MachineKind(

@@ -111,8 +111,10 @@ def solve(
     current, evaluations, jacobians = _cost([r.residual for r in rows]), 1, 1
     damping, growth, corrected = 1e-4, 2.0, 0
     curvature, last = np.zeros((x.size, x.size)), None
+    longest = np.zeros(x.size)  # of each column so far: where one has become short, the model has gone flat
     while True:
         normal, gradient = _normal(rows, x.size)
+        longest = np.maximum(longest, np.sqrt(np.diag(normal)))
         if not corrected and last is not None:
             curvature = _updated_curvature(curvature, last, x, gradient, rows)
         if not corrected:
@@ -125,7 +127,7 @@ def solve(
                 message = "the gradient vanishes"
                 break
             trial, predicted = step_within(
-                x, _with_curvature(normal, curvature, free), gradient, free, damping, low, high
+                x, _with_curvature(normal, curvature, free), gradient, free, damping * longest**2, low, high
             )
             change, size = trial - x, np.sqrt(np.diag(normal))  # by what each unknown moves: their units differ
             if np.linalg.norm(size * change) <= tolerance * 1e-2 * np.linalg.norm(size * x) or predicted <= 0:
@@ -164,7 +166,8 @@ def solve(
 
 
 def _cost(residuals: Iterable[np.ndarray]) -> float:
-    return 0.5 * sum(float(e @ e) for e in residuals)
+    with np.errstate(over="ignore"):  # infinite is worse than anything
+        return 0.5 * sum(float(e @ e) for e in residuals)
 
 
 def _correct(rows: Sequence[Piece], errors: Sequence[np.ndarray], change: np.ndarray, normal: np.ndarray) -> None:
@@ -234,11 +237,14 @@ def step_within(
     normal: np.ndarray,
     gradient: np.ndarray,
     free: np.ndarray,
-    damping: float,
+    damping: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """Return the damped step, limited by the bounds, and the decrease of the cost that it predicts."""
+    """Return the damped step, limited by the bounds, and the decrease of the cost that it predicts.
+
+    ``damping`` is added to the diagonal of the normal matrix.
+    """
     index = np.flatnonzero(free)
     trial = x.copy()
     for _ in range(index.size):
@@ -246,7 +252,7 @@ def step_within(
         scaled = normal[np.ix_(index, index)] / np.outer(scale, scale)
         # what has hit a bound in this step stays there and acts on the others through the gradient
         pull = gradient[index] + normal[index] @ (trial - x) - normal[np.ix_(index, index)] @ (trial - x)[index]
-        change = -np.linalg.solve(scaled + (damping + 1e-14) * np.eye(index.size), pull / scale) / scale
+        change = -np.linalg.solve(scaled + np.diag(damping[index] / scale**2 + 1e-14), pull / scale) / scale
         wanted = x[index] + change
         over = (wanted < low[index]) | (wanted > high[index])
         trial[index] = np.clip(wanted, low[index], high[index])

@@ -112,7 +112,8 @@ class _LinearStep:
         normal = np.tensordot(share, self._normal, 1) + self._prior
         gradient = share @ self._gradient + self._pull
         free = np.diag(normal) > 0.0
-        reached, _ = step_within(self._x, normal, gradient, free, DAMPING, self._low, self._high)
+        damping = DAMPING * np.diag(normal)
+        reached, _ = step_within(self._x, normal, gradient, free, damping, self._low, self._high)
         change = reached - self._x
         return [
             e - (slopes @ change[columns]).T

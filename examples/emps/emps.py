@@ -2,7 +2,7 @@
 
 from multibody import Model
 from multibody.declare.component import Component
-from multibody.declare.declarations import Input, Output, Parameter, State, Translation
+from multibody.declare.declarations import Input, Output, Parameter, Power, State, Translation
 from multibody.library import Mass
 from multibody.library.friction import Sliding
 from multibody.library.laws import coulomb
@@ -28,6 +28,7 @@ class Drive(Component):
     driving = State("N", "force of the motor on the carriage")
     voltage = Output("V", "what is sent to the motor")
     force = Output("N", "force that belongs to the voltage, as recorded")
+    power = Power(kind="supply", meaning="power brought in")
 
     def equations(self):
         self.der.speed = (self.carriage.velocity - self.speed) / self.lag
@@ -37,6 +38,7 @@ class Drive(Component):
         self.force = self.gain * self.voltage
         self.der.driving = (self.force - self.driving) / self.hold
         self.carriage.force = self.driving
+        self.power = self.driving * self.carriage.velocity
 
 
 class Guide(Sliding):
