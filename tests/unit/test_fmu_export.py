@@ -40,8 +40,8 @@ def unit(request: Any, axis: System, tmp_path_factory: Any) -> Path:
     return axis.to_fmu(path, fmi_version=request.param)
 
 
-def _forms() -> Any:
-    spec = importlib.util.spec_from_file_location("fmu_forms", ROOT / "benchmarks" / "fmu_forms.py")
+def _benchmark() -> Any:
+    spec = importlib.util.spec_from_file_location("fmu_benchmark", ROOT / "benchmarks" / "fmu.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -50,7 +50,8 @@ def _forms() -> Any:
     return module
 
 
-forms = _forms()
+benchmark = _benchmark()
+forms = sys.modules["fmu_forms"]
 real, set_real, step = forms.real, forms.set_real, forms.step
 
 
@@ -68,14 +69,10 @@ def test_description_is_valid(unit: Path) -> None:
 
 @pytest.mark.peers
 def test_fmutool_finds_nothing(unit: Path) -> None:
-    tool = shutil.which("fmutool")
-    if tool is None:
+    found = benchmark.fmutool_findings(unit)
+    if found is None:
         pytest.skip("needs fmutool: pip install 'vtsdt[peers]'")
-    done = subprocess.run([tool, "-input", str(unit), "-check"], capture_output=True, text=True, check=False)
-    said = done.stdout + done.stderr
-    assert "seems to be compliant" in said
-    assert "No semantic error" in said
-    assert "ERROR" not in said.replace("No semantic error", "")
+    assert found == []
 
 
 def test_description_holds_units_bounds_and_structure(axis: System, unit: Path) -> None:
@@ -143,13 +140,7 @@ def test_tables_are_parameters_and_can_be_changed(version: str, tmp_path: Path) 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_compiles_without_a_warning(version: str, axis: System, tmp_path: Path) -> None:
-    path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version=version, binary=False)
-    with zipfile.ZipFile(path) as file:
-        file.extractall(tmp_path / "unit")
-    source = tmp_path / "unit/sources" / f"fmi{version[0]}.c"
-    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-c", "-o", str(tmp_path / "x.o")]
-    done = subprocess.run([*c_compiler(), *flags, str(source)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert benchmark.warnings(axis.to_fmu(tmp_path / "axis.fmu", fmi_version=version, binary=False)) == []
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -308,49 +299,26 @@ def test_a_step_that_cannot_be_taken_is_discarded(axis: System, instances: Any) 
     assert status_of(step, fmu, 0.0, 0.1) == 2  # fmi2Discard and fmi3Discard
 
 
-LEAKS = """
-#include "fmi2Functions.h"
-#include <stdarg.h>
-#include <stdlib.h>
-static void log_it(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...)
-{ (void)e, (void)n, (void)s, (void)c, (void)m; }
-int main(void)
-{
-    fmi2CallbackFunctions f = {log_it, calloc, free, NULL, NULL};
-    for (int k = 0; k < 1000; k++) {
-        fmi2Component c = fmi2Instantiate("one", fmi2CoSimulation, GUID, "", &f, 0, 0);
-        fmi2FMUstate saved = NULL;
-        if (!c) return 1;
-        if (fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0) || fmi2EnterInitializationMode(c)) return 2;
-        if (fmi2ExitInitializationMode(c) || fmi2DoStep(c, 0.0, 0.01, 1)) return 3;
-        if (fmi2GetFMUstate(c, &saved) || fmi2SetFMUstate(c, saved) || fmi2FreeFMUstate(c, &saved)) return 4;
-        if (fmi2DoStep(c, 9.0, 0.01, 1) != fmi2Error || fmi2Terminate(c)) return 5;
-        fmi2FreeInstance(c);
-    }
-    return 0;
-}
-"""
-
-
 def test_a_thousand_cycles_leave_nothing_behind(axis: System, tmp_path: Path) -> None:
     path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version="2.0", binary=False)
-    with zipfile.ZipFile(path) as file:
-        file.extractall(tmp_path)
-    token = fmpy.read_model_description(str(path)).guid
-    (tmp_path / "sources/main.c").write_text(LEAKS.replace("GUID", f'"{token}"'))
-    program = tmp_path / "cycles"
-    flags = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    built = subprocess.run(
-        [*c_compiler(), *flags, "-o", str(program), "main.c", "fmi2.c", "-lm"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path / "sources",
-    )
-    if built.returncode:
-        pytest.skip(f"the compiler has no address sanitizer: {built.stderr.strip().splitlines()[-1]}")
+    flags = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    try:
+        program = benchmark.cycles(path, tmp_path, flags)
+    except RuntimeError as error:
+        pytest.skip(f"the compiler has no address sanitizer: {error}")
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", VERSIONS)
+def test_valgrind_finds_nothing_after_a_thousand_cycles_of_the_lift(version: str, tmp_path: Path) -> None:
+    system, case = benchmark.MACHINES["lift"]()
+    path = system.to_fmu(tmp_path / "lift.fmu", fmi_version=version, initial=case.initial, binary=False)
+    said = benchmark.cycles_under_valgrind(path, tmp_path)
+    if said is None:
+        pytest.skip("needs valgrind (the package of that name in Debian)")
+    assert said == ""
 
 
 # ---------------------------------------------------------------- what is refused, and options
@@ -401,28 +369,19 @@ def _folders(tmp_path: Path) -> tuple[str, str]:
     return "a", "b"
 
 
-# ---------------------------------------------------------------- large machines
+# ---------------------------------------------------------------- all machines
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("kind", ["cabin", "one_dimensional", "reference"])
-def test_lift_is_the_same_in_every_form(kind: str, version: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", benchmark.MACHINES)
+def test_every_machine_is_the_same_in_every_form(name: str, version: str, tmp_path: Path) -> None:
     from fmpy.validation import validate_fmu
 
-    from vtsdt.lift.lift import Lift
-
-    lift = getattr(Lift, kind)()
-    start = lift.equilibrium().to_dict()
-    path = lift.system.to_fmu(tmp_path / f"{kind}.fmu", fmi_version=version, initial=start)
+    system, case = benchmark.MACHINES[name]()
+    path = system.to_fmu(tmp_path / "unit.fmu", fmi_version=version, initial=case.initial)
     assert validate_fmu(str(path)) == []
-    inputs: dict[str, Any] = {}
-    times = np.linspace(0.0, 1.0, 1001)
-    if "omega_ref" in lift.system.input_names:
-        inputs = {n: (times, np.zeros_like(times)) for n in lift.system.input_names}
-        inputs["omega_ref"] = (times, -0.5 * np.sin(np.pi * times / 2.0) ** 2)
-    else:
-        weight = lift.parameters.cabin.mass * 9.80665
-        inputs["F_c"] = (times, weight + 20.0 * np.sin(2.0 * np.pi * times))
-    errors = compared(lift.system, path, 1.0, 1e-3, initial=start, inputs=inputs)
-    assert max(errors.values()) < 1e-4, errors
+    assert benchmark.warnings(path) == []
+    for form in forms.FORMS:
+        found = forms.deviations(forms.beside(system, path, form, case))
+        assert max(found.values()) < benchmark.BOUND, (form, max(found, key=found.__getitem__))
