@@ -208,7 +208,8 @@ class _Function:
                 self.count += 1
                 i = f"i{self.count}"
                 self._line(depth, f"for (long long {i} = {start}; {i} {order} {stop}; {i} += {step}) {{")
-                self._line(depth + 1, f"v_{name} = {i};")
+                if name in self.read:
+                    self._line(depth + 1, f"v_{name} = {i};")
                 self._block(node.body, depth + 1)
                 self._line(depth, "}")
             case ast.While(test=test, body=body):

@@ -188,11 +188,14 @@ def _is_unit(unit: str) -> bool:
 
 
 def _units(root: ET.Element, variables: Variables) -> None:
-    """Define every unit by its SI base units."""
+    """Define every unit by its SI base units; the standard has no broken powers, such a unit is a name alone."""
     node = ET.SubElement(root, "UnitDefinitions")
     for unit in sorted({v.unit for v in variables.all if _is_unit(v.unit)}):
         own = ET.SubElement(node, "Unit", name=unit)
-        exponents = {base: str(power) for base, power in base_exponents(unit).items()}
+        try:
+            exponents = {base: str(power) for base, power in base_exponents(unit).items()}
+        except UnitError:
+            continue
         factor = si_factor(unit)
         ET.SubElement(own, "BaseUnit", exponents | ({"factor": repr(factor)} if factor != 1.0 else {}))
 

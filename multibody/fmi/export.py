@@ -8,7 +8,6 @@ from __future__ import annotations
 import importlib.resources
 import importlib.util
 import re
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from multibody.base.cache import digest_of
 from multibody.fmi.compiler import binary_folder, c_compiler, compile_library
 from multibody.fmi.errors import FmuError
+from multibody.fmi.scratch_folder import ScratchFolder
 from multibody.system.compiled import CompiledSystem
 from multibody.system.equilibrium import equilibrium
 from multibody.system.narrow_features import step_limits
@@ -151,11 +151,11 @@ def _library_sources(fmi_version: str, source: str) -> dict[str, str]:
 
 
 def _compiled(compiler: list[str], files: dict[str, str], source: str) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="vtsdt_fmu_") as folder:
+    with ScratchFolder() as folder:
         for name, text in files.items():
-            (Path(folder) / Path(name).name).write_text(text, encoding="utf-8")
-        library = Path(folder) / "library"
-        compile_library(compiler, Path(folder) / source, library)
+            (folder.path / Path(name).name).write_text(text, encoding="utf-8")
+        library = folder.path / "library"
+        compile_library(compiler, folder.path / source, library)
         return library.read_bytes()
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from multibody.base.errors import SimulationError
 from multibody.fmi.foreign_description import ForeignVariable, read_unit
+from multibody.fmi.scratch_folder import ScratchFolder
 from multibody.fmi.server import COLUMNS, EVALUATE, START
 
 __all__ = ["TIMEOUT", "evaluate", "start_states", "tangent"]
@@ -41,9 +42,14 @@ class _Process:
         self.unit = unit = read_unit(path)
         self.connection, theirs = Pipe()
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-        command = [sys.executable, "-m", "multibody.fmi.server", str(path), str(theirs.fileno())]
+        self.folder = ScratchFolder()
+        command = [sys.executable, "-m", "multibody.fmi.server", path, str(theirs.fileno()), str(self.folder.path)]
         self.process = subprocess.Popen(
-            command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment
+            command,
+            pass_fds=[fd for fd in (theirs.fileno(), self.folder.descriptor) if fd is not None],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env=environment,
         )
         theirs.close()
         known = (*unit.states, *unit.inputs, *unit.parameters)
@@ -56,7 +62,11 @@ class _Process:
         self.values = np.empty(0)
         self.columns: dict[int, np.ndarray] = {}
         self.used: set[int] = set()
-        self._answer(START_TIMEOUT)
+        try:
+            self._answer(START_TIMEOUT)
+        except SimulationError:
+            self.stop()
+            raise
 
     def values_at(self, t: float, known: tuple[float, ...]) -> np.ndarray:
         """Return rates and outputs at a point, SI; the last point is remembered."""
@@ -143,6 +153,7 @@ class _Process:
             self.process.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(5.0)
+        self.folder.remove()
 
 
 def _scales(variables: tuple[ForeignVariable, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -159,8 +170,8 @@ def _process(path: str, digest: str) -> _Process:
 
 @atexit.register
 def _stop_all() -> None:
-    for one in list(_running.values()):
-        if one.process.returncode is None:
+    for (_, _, owner), one in list(_running.items()):
+        if owner == os.getpid():
             one.stop()
 
 

@@ -1,6 +1,7 @@
 """The process in which a foreign unit runs: it loads the unit, answers requests, and may crash alone.
 
-Started by `multibody.fmi.foreign` as ``python -m multibody.fmi.server FMU FD``.  A request is one byte and float64
+Started by `multibody.fmi.foreign` as ``python -m multibody.fmi.server FMU FD FOLDER``; the unit is unpacked into the
+folder, which this process removes unless it is killed (then its parent does).  A request is one byte and float64
 numbers: time, states, inputs, parameters, and then, of a Jacobian, the places of the columns wanted among the last
 three; of the start the parameters alone.  The answer is one byte, ``+`` and float64 numbers or ``-`` and a text.
 Numbers are those of the unit, not SI.
@@ -12,7 +13,6 @@ import ctypes
 import os
 import shutil
 import sys
-import tempfile
 import threading
 import time
 from multiprocessing.connection import Connection
@@ -29,9 +29,8 @@ EVALUATE, COLUMNS, START = b"E", b"C", b"S"
 _STEP = float(np.finfo(float).eps) ** (1 / 3)  # relative step of central differences: truncation against rounding
 
 
-def serve(path: str, connection: Connection) -> None:
+def serve(path: str, connection: Connection, folder: str) -> None:
     """Answer requests until the other side closes the connection."""
-    folder = tempfile.mkdtemp(prefix="vtsdt_fmu_")
     try:
         try:
             running = _Running(read_unit(path), folder)
@@ -180,18 +179,20 @@ def _pointer(array: np.ndarray) -> Any:
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(folder: str) -> None:
     """End this process when its parent has ended: a unit that hangs sees no closed connection."""
     parent = os.getppid()
     while os.getppid() == parent:
         time.sleep(1.0)
+    shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 
 
 def _main() -> None:
     os.dup2(2, 1)  # what the unit prints is no answer
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    serve(sys.argv[1], Connection(int(sys.argv[2])))
+    path, descriptor, folder = sys.argv[1:]
+    threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
+    serve(path, Connection(int(descriptor)), folder)
 
 
 if __name__ == "__main__":

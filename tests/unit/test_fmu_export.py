@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ import pytest
 import multibody.library as lib
 from discrepancy.rigs.axis_model import build as axis_model
 from multibody import Model
+from multibody.compile.c_source import c_source
+from multibody.compile.emitter.units import unit_of_text
 from multibody.fmi.compiler import c_compiler
 from multibody.fmi.errors import FmuError
 from multibody.machine.model import System
@@ -22,7 +26,6 @@ fmpy = pytest.importorskip("fmpy", reason="needs fmpy: pip install 'vtsdt[fmi]'"
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="needs a C compiler")
 
 VERSIONS = ("2.0", "3.0")
-FORMS = ("ModelExchange", "CoSimulation")
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -37,109 +40,25 @@ def unit(request: Any, axis: System, tmp_path_factory: Any) -> Path:
     return axis.to_fmu(path, fmi_version=request.param)
 
 
+def _benchmark() -> Any:
+    spec = importlib.util.spec_from_file_location("fmu_benchmark", ROOT / "benchmarks" / "fmu.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+benchmark = _benchmark()
+forms = sys.modules["fmu_forms"]
+real, set_real, step = forms.real, forms.set_real, forms.step
+
+
 def compared(system: System, path: Path, until: float, step: float, **run: Any) -> dict[str, float]:
-    """Return the largest error of a state, as a share of its range, for both forms of a unit.
-
-    Without inputs fmpy simulates.  Its loops (0.3.32) hold inputs over a step in both forms, and cannot set their
-    derivatives (there is room for exactly nine); with inputs the loops below use the instances that fmpy makes.
-    Co-Simulation of FMI 3.0 has no derivatives of inputs and holds them over a communication step: it is laid beside
-    a simulation that does so, too.  All is run far more exactly than usual, so that what is left is the unit's.
-    """
-    inputs = run.get("inputs", {})
-    third = fmpy.read_model_description(str(path)).fmiVersion.startswith("3")
-    errors = {}
-    for form in FORMS:
-        held = third and form == "CoSimulation"
-        options = {"interpolation": "hold" if held else "linear", "rtol": 1e-9, "atol": 1e-12}
-        true = system.simulate(until, step=step, initial=run.get("initial"), inputs=inputs, **options)
-        if inputs:
-            loop = stepped if form == "CoSimulation" else integrated
-            errors[form] = share(system, true, loop(system, path, true, inputs))
-            continue
-        result = fmpy.simulate_fmu(
-            str(path),
-            fmi_type=form,
-            stop_time=until,
-            output_interval=step,
-            relative_tolerance=1e-9,
-            output=[*system.state_names],
-        )
-        assert np.allclose(result["time"], true.times)
-        errors[form] = share(system, true, np.column_stack([result[n] for n in system.state_names]))
-    return errors
-
-
-def share(system: System, true: Any, states: np.ndarray) -> float:
-    """Return the largest error of a state as a share of its range; a state that rests has the range 1e-9."""
-    return max(
-        float(np.max(np.abs(states[:, k] - true[n])) / max(np.ptp(true[n]), 1e-9))
-        for k, n in enumerate(system.state_names)
-    )
-
-
-def opened(path: Path, form: str) -> tuple[Any, Any]:
-    """Return the description and a running instance of a unit."""
-    described = fmpy.read_model_description(str(path))
-    folder = fmpy.extract(str(path), str(path.with_suffix("")))
-    fmu = fmpy.instantiate_fmu(folder, described, fmi_type=form)
-    tolerance = {"tolerance": 1e-9, "startTime": 0.0}
-    if described.fmiVersion == "2.0":
-        fmu.setupExperiment(**tolerance)
-        fmu.enterInitializationMode()
-    else:
-        fmu.enterInitializationMode(**tolerance)
-    fmu.exitInitializationMode()
-    return described, fmu
-
-
-def stepped(system: System, path: Path, true: Any, inputs: dict[str, Any]) -> np.ndarray:
-    """Return the states by Co-Simulation, with the inputs' derivatives where the standard has them."""
-    described, fmu = opened(path, "CoSimulation")
-    references = {v.name: v.valueReference for v in described.modelVariables}
-    of_states, of_inputs = [references[n] for n in system.state_names], [references[n] for n in inputs]
-    rows = [real(fmu, *of_states)]
-    for begin, end in zip(true.times[:-1], true.times[1:], strict=True):
-        at = np.array([np.interp([begin, end], *given) for given in inputs.values()])
-        set_real(fmu, of_inputs, list(at[:, 0]))
-        if described.fmiVersion == "2.0":
-            fmu.setRealInputDerivatives(of_inputs, [1] * len(inputs), list((at[:, 1] - at[:, 0]) / (end - begin)))
-        step(fmu, begin, end - begin)
-        rows.append(real(fmu, *of_states))
-    fmu.terminate()
-    fmu.freeInstance()
-    return np.array(rows)
-
-
-def integrated(system: System, path: Path, true: Any, inputs: dict[str, Any]) -> np.ndarray:
-    """Return the states by Model Exchange, integrated by SciPy with the inputs at every evaluation."""
-    from ctypes import POINTER, c_double
-
-    from scipy.integrate import solve_ivp
-
-    described, fmu = opened(path, "ModelExchange")
-    references = {v.name: v.valueReference for v in described.modelVariables}
-    n = len(system.states)
-    fmu.enterContinuousTimeMode()
-    rates = np.empty(n)
-    write, pointer = rates.ctypes.data_as(POINTER(c_double)), POINTER(c_double)
-    ask = fmu.getDerivatives if hasattr(fmu, "getDerivatives") else fmu.getContinuousStateDerivatives
-
-    def f(t: float, x: np.ndarray) -> np.ndarray:
-        fmu.setTime(t)
-        set_real(fmu, [references[k] for k in inputs], [float(np.interp(t, *v)) for v in inputs.values()])
-        x = np.ascontiguousarray(x)
-        fmu.setContinuousStates(x.ctypes.data_as(pointer), n)
-        ask(write, n)
-        return rates.copy()
-
-    start = np.array(real(fmu, *(references[k] for k in system.state_names)))
-    step_of_inputs = float(np.diff(next(iter(inputs.values()))[0]).max())
-    solution = solve_ivp(
-        f, (0.0, true.times[-1]), start, "LSODA", true.times, rtol=1e-9, atol=1e-12, max_step=step_of_inputs
-    )
-    fmu.terminate()
-    fmu.freeInstance()
-    return solution.y.T
+    """Return the largest deviation of a state or output, as a share of its range, for both forms of a unit."""
+    case = forms.Case(until=until, step=step, **run)
+    return {form: max(forms.deviations(forms.beside(system, path, form, case)).values()) for form in forms.FORMS}
 
 
 def test_description_is_valid(unit: Path) -> None:
@@ -150,14 +69,10 @@ def test_description_is_valid(unit: Path) -> None:
 
 @pytest.mark.peers
 def test_fmutool_finds_nothing(unit: Path) -> None:
-    tool = shutil.which("fmutool")
-    if tool is None:
+    found = benchmark.fmutool_findings(unit)
+    if found is None:
         pytest.skip("needs fmutool: pip install 'vtsdt[peers]'")
-    done = subprocess.run([tool, "-input", str(unit), "-check"], capture_output=True, text=True, check=False)
-    said = done.stdout + done.stderr
-    assert "seems to be compliant" in said
-    assert "No semantic error" in said
-    assert "ERROR" not in said.replace("No semantic error", "")
+    assert found == []
 
 
 def test_description_holds_units_bounds_and_structure(axis: System, unit: Path) -> None:
@@ -216,7 +131,7 @@ def test_tables_are_parameters_and_can_be_changed(version: str, tmp_path: Path) 
     changed = {"signal.points.y[1]": 9.0}
     true = system.simulate(1.0, step=0.01, parameters=changed)
     assert abs(true["body.position"][-1] - system.simulate(1.0)["body.position"][-1]) > 0.1
-    for form in FORMS:
+    for form in forms.FORMS:
         result = fmpy.simulate_fmu(
             str(path), fmi_type=form, stop_time=1.0, output_interval=0.01, start_values=changed, relative_tolerance=1e-8
         )
@@ -225,13 +140,29 @@ def test_tables_are_parameters_and_can_be_changed(version: str, tmp_path: Path) 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_compiles_without_a_warning(version: str, axis: System, tmp_path: Path) -> None:
-    path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version=version, binary=False)
-    with zipfile.ZipFile(path) as file:
-        file.extractall(tmp_path / "unit")
-    source = tmp_path / "unit/sources" / f"fmi{version[0]}.c"
-    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-c", "-o", str(tmp_path / "x.o")]
-    done = subprocess.run([*c_compiler(), *flags, str(source)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    assert benchmark.warnings(axis.to_fmu(tmp_path / "axis.fmu", fmi_version=version, binary=False)) == []
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_unit_with_a_broken_power_is_a_name_alone(version: str, tmp_path: Path) -> None:
+    from runpy import run_path
+
+    from fmpy.validation import validate_fmu
+
+    model = run_path(str(ROOT / "examples/clamp/clamp.py"))["build"]()
+    path = model.build().to_fmu(tmp_path / "clamp.fmu", fmi_version=version, binary=False)
+    described = fmpy.read_model_description(str(path))
+    units = {u.name: u.baseUnit for u in described.unitDefinitions}
+    assert any(v.unit == "m**3/(s*Pa**0.5)" for v in described.modelVariables)
+    assert units["m**3/(s*Pa**0.5)"] is None
+    assert units["m**3/s"] is not None
+    assert validate_fmu(str(path)) == []
+
+
+def test_a_loop_whose_counter_is_not_read_is_c() -> None:
+    text = "def f(t, x, out):\n    a = t\n    for _ in range(3):\n        a = 2.0 * a\n    out[0] = a\n"
+    source = c_source(unit_of_text(text, "f"), "f", ("float", "floats", "floats"), "f")
+    assert "v__" not in source
 
 
 # ---------------------------------------------------------------- the functions of the standard, one by one
@@ -259,20 +190,8 @@ def instances(unit: Path, tmp_path: Path) -> Any:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def real(fmu: Any, *references: int) -> list[float]:
-    return (fmu.getReal if hasattr(fmu, "getReal") else fmu.getFloat64)(list(references))
-
-
-def set_real(fmu: Any, references: list[int], values: list[float]) -> None:
-    (fmu.setReal if hasattr(fmu, "setReal") else fmu.setFloat64)(references, values)
-
-
 def states(axis: System) -> list[int]:
     return list(range(1, 1 + len(axis.states)))
-
-
-def step(fmu: Any, begin: float, size: float) -> None:
-    fmu.doStep(currentCommunicationPoint=begin, communicationStepSize=size)
 
 
 def test_state_is_saved_sent_and_put_back(axis: System, instances: Any) -> None:
@@ -380,49 +299,26 @@ def test_a_step_that_cannot_be_taken_is_discarded(axis: System, instances: Any) 
     assert status_of(step, fmu, 0.0, 0.1) == 2  # fmi2Discard and fmi3Discard
 
 
-LEAKS = """
-#include "fmi2Functions.h"
-#include <stdarg.h>
-#include <stdlib.h>
-static void log_it(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...)
-{ (void)e, (void)n, (void)s, (void)c, (void)m; }
-int main(void)
-{
-    fmi2CallbackFunctions f = {log_it, calloc, free, NULL, NULL};
-    for (int k = 0; k < 1000; k++) {
-        fmi2Component c = fmi2Instantiate("one", fmi2CoSimulation, GUID, "", &f, 0, 0);
-        fmi2FMUstate saved = NULL;
-        if (!c) return 1;
-        if (fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0) || fmi2EnterInitializationMode(c)) return 2;
-        if (fmi2ExitInitializationMode(c) || fmi2DoStep(c, 0.0, 0.01, 1)) return 3;
-        if (fmi2GetFMUstate(c, &saved) || fmi2SetFMUstate(c, saved) || fmi2FreeFMUstate(c, &saved)) return 4;
-        if (fmi2DoStep(c, 9.0, 0.01, 1) != fmi2Error || fmi2Terminate(c)) return 5;
-        fmi2FreeInstance(c);
-    }
-    return 0;
-}
-"""
-
-
 def test_a_thousand_cycles_leave_nothing_behind(axis: System, tmp_path: Path) -> None:
     path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version="2.0", binary=False)
-    with zipfile.ZipFile(path) as file:
-        file.extractall(tmp_path)
-    token = fmpy.read_model_description(str(path)).guid
-    (tmp_path / "sources/main.c").write_text(LEAKS.replace("GUID", f'"{token}"'))
-    program = tmp_path / "cycles"
-    flags = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    built = subprocess.run(
-        [*c_compiler(), *flags, "-o", str(program), "main.c", "fmi2.c", "-lm"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path / "sources",
-    )
-    if built.returncode:
-        pytest.skip(f"the compiler has no address sanitizer: {built.stderr.strip().splitlines()[-1]}")
+    flags = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    try:
+        program = benchmark.cycles(path, tmp_path, flags)
+    except RuntimeError as error:
+        pytest.skip(f"the compiler has no address sanitizer: {error}")
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", VERSIONS)
+def test_valgrind_finds_nothing_after_a_thousand_cycles_of_the_lift(version: str, tmp_path: Path) -> None:
+    system, case = benchmark.MACHINES["lift"]()
+    path = system.to_fmu(tmp_path / "lift.fmu", fmi_version=version, initial=case.initial, binary=False)
+    said = benchmark.cycles_under_valgrind(path, tmp_path)
+    if said is None:
+        pytest.skip("needs valgrind (the package of that name in Debian)")
+    assert said == ""
 
 
 # ---------------------------------------------------------------- what is refused, and options
@@ -473,28 +369,19 @@ def _folders(tmp_path: Path) -> tuple[str, str]:
     return "a", "b"
 
 
-# ---------------------------------------------------------------- large machines
+# ---------------------------------------------------------------- all machines
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("kind", ["cabin", "one_dimensional", "reference"])
-def test_lift_is_the_same_in_every_form(kind: str, version: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", benchmark.MACHINES)
+def test_every_machine_is_the_same_in_every_form(name: str, version: str, tmp_path: Path) -> None:
     from fmpy.validation import validate_fmu
 
-    from vtsdt.lift.lift import Lift
-
-    lift = getattr(Lift, kind)()
-    start = lift.equilibrium().to_dict()
-    path = lift.system.to_fmu(tmp_path / f"{kind}.fmu", fmi_version=version, initial=start)
+    system, case = benchmark.MACHINES[name]()
+    path = system.to_fmu(tmp_path / "unit.fmu", fmi_version=version, initial=case.initial)
     assert validate_fmu(str(path)) == []
-    inputs: dict[str, Any] = {}
-    times = np.linspace(0.0, 1.0, 1001)
-    if "omega_ref" in lift.system.input_names:
-        inputs = {n: (times, np.zeros_like(times)) for n in lift.system.input_names}
-        inputs["omega_ref"] = (times, -0.5 * np.sin(np.pi * times / 2.0) ** 2)
-    else:
-        weight = lift.parameters.cabin.mass * 9.80665
-        inputs["F_c"] = (times, weight + 20.0 * np.sin(2.0 * np.pi * times))
-    errors = compared(lift.system, path, 1.0, 1e-3, initial=start, inputs=inputs)
-    assert max(errors.values()) < 1e-4, errors
+    assert benchmark.warnings(path) == []
+    for form in forms.FORMS:
+        found = forms.deviations(forms.beside(system, path, form, case))
+        assert max(found.values()) < benchmark.BOUND, (form, max(found, key=found.__getitem__))

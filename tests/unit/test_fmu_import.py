@@ -7,7 +7,9 @@ import os
 import platform
 import re
 import shutil
+import signal
 import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -32,6 +34,7 @@ from multibody.machine.model import System
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy: pip install 'vtsdt[fmi]'")
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="needs a C compiler")
 
+ROOT = Path(__file__).resolve().parents[2]
 CONNECTION = {"guide": {"force": "F_ext", "motion": "carriage.position", "rate": "carriage.velocity"}}
 T_END, STEP = 0.03, 1e-3  # s: a question to the unit's process takes up to a millisecond on a busy machine
 
@@ -288,6 +291,42 @@ def test_a_unit_that_hangs_is_stopped(second: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(foreign, "TIMEOUT", 1.0)
     with pytest.raises(SimulationError, match="has not answered for"):
         system.rhs(0.0, np.zeros(5))
+
+
+ASKS = """
+import sys
+from pathlib import Path
+from multibody.fmi.foreign import start_states
+from multibody.fmi.foreign_description import file_digest
+start_states(sys.argv[1], file_digest(Path(sys.argv[1])))
+print("started", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("end", ["exits", "is killed", "is killed with the unit's process"])
+def test_the_folder_of_a_unit_goes_however_its_user_ends(end: str, good: Path, tmp_path: Path) -> None:
+    given: dict[str, Any] = {"env": os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}, "text": True}
+    command = [sys.executable, "-c", ASKS, str(good)]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, start_new_session=True, **pipes, **given) as user:
+        assert user.stdin is not None
+        assert user.stdout is not None
+        assert user.stderr is not None
+        assert user.stdout.readline() == "started\n"
+        assert len(list(tmp_path.iterdir())) == 1
+        if end == "exits":
+            user.stdin.close()
+        elif end == "is killed":
+            user.kill()
+        else:
+            os.killpg(user.pid, signal.SIGKILL)
+        user.stderr.read()  # ends when the unit's process has ended, too
+    if end == "is killed with the unit's process":
+        assert len(list(tmp_path.iterdir())) == 1
+        next_one = "from multibody.fmi.scratch_folder import ScratchFolder; ScratchFolder().remove()"
+        subprocess.run([sys.executable, "-c", next_one], check=True, **given)
+    assert list(tmp_path.iterdir()) == []
 
 
 # ---------------------------------------------------------------- studies
