@@ -266,7 +266,7 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
 
 def _without_own(block: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return a block, shape (n, n_y, k), without what its record's own unknowns (n, n_y, q) can make."""
-    flat, basis = block.reshape(-1, block.shape[2]), own.reshape(-1, own.shape[2])
+    flat, basis = block.reshape(-1, block.shape[2]), own.reshape(len(block) * block.shape[1], own.shape[2])
     size = np.linalg.norm(basis, axis=0)
     basis = basis[:, size > 0.0] / size[size > 0.0]
     return np.asarray((flat - basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]).reshape(block.shape))

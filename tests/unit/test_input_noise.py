@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
+from discrepancy.residual import input_noise
 from discrepancy.residual.input_noise import MATTERS, reduce_input_noise
 from discrepancy.study.study import Study
 from estimation.files.record import Record, RecordedSignal
@@ -140,3 +141,8 @@ def test_a_study_reduces_noise_unless_asked_not_to() -> None:
     assert as_recorded.prepared is not None
     assert not as_recorded.prepared.noisy
     assert as_recorded.problem.identify[0].record is problem.identify[0].record
+
+
+def test_a_record_without_unknowns_of_its_own_keeps_its_columns():
+    block = np.arange(12.0).reshape(3, 2, 2)
+    np.testing.assert_array_equal(input_noise._without_own(block, np.zeros((3, 2, 0))), block)
