@@ -270,9 +270,10 @@ is larger than what was computed.
         energy,
         """## Energy: stored + lost − supplied
 
-Every machine that ships, each component with what it stores, loses and supplies; what is turned over is the sum of the
-largest lost and supplied energy and the range of the stored one. The machines of the library together contain every
-component of the library. 0 conserves energy; what is left is the error of the integration.
+The balance of whole machines, from what each component stores, loses and supplies; what is turned over is the sum of
+the largest lost and supplied energy and the range of the stored one. The machines of the library together contain every
+component of the library but the spatial ones, of which the lift and the gear stage have theirs. 0 conserves energy;
+what is left is the error of the integration.
 """,
     ),
     "filters": (
