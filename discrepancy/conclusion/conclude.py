@@ -76,7 +76,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
     elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
         verdict = "partly explained"
-    if by_evidence is not None and not accepted and (verdict == "unknown effect" or poor_fit_note(last, verdict)):
+    if by_evidence is not None and not accepted and (failed or uneven or poor_fit_note(last, verdict)):
         # what the noise model takes for a random force is too large to be left without a word
         verdict = "unknown effect"
         described = state.if_simulated("where the missing force acts", lambda: _force_that_follows_inputs(state))

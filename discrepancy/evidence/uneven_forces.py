@@ -12,19 +12,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discrepancy.evidence.likelihood import LEAST_NOISE, StageLikelihood, noise_floor, record_columns
+from discrepancy.evidence.likelihood import StageLikelihood, fitted_noise, record_columns
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_fit import WORTH, RecordColumns, fit_noise, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import WORTH, RecordColumns, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel
 
 __all__ = ["UnevenForce", "uneven_random_forces"]
 
-#: Shares of the samples below the position or speed at which a force may begin or end.
+#: Shares of the samples below the position or speed at which a force may begin or end; chosen, few: each is paid for.
 EDGES = (1.0 / 3.0, 0.5, 2.0 / 3.0)
-#: Width of that edge, over the range of the motion.
+#: Width of that edge, over the range of the motion; chosen.
 WIDTH = 0.05
-#: Sizes of the force outside and inside that are tried first, over that of the even force.
-OUTSIDE, INSIDE = (0.03,), (1.0, 2.0)
+#: Sizes of the force outside and inside where the fit begins, over that of the even force; chosen, the fit moves them.
+OUTSIDE, INSIDE = 0.03, (1.0, 2.0)
 #: Samples that a force must remember to be asked: how large a quicker one is, its innovations tell.
 SLOW = 5.0
 #: Ratio of the sizes inside and outside from which a force is uneven: variances four to one.
@@ -80,8 +80,8 @@ def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]
     """Return the random forces that act mostly in one part of the motion.
 
     The force is replaced by two of the same memory, one of them times a step over position or speed of the connection
-    that it acts at: what it belongs to is there.  It is uneven if
-    the likelihood rises by more than a further process must earn, the choice of the step included.
+    that it acts at: what it belongs to is there.  It is uneven if the likelihood rises by more than a further process
+    must earn, the choice of the step included.
 
     Parameters
     ----------
@@ -104,10 +104,11 @@ def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]
         if max(gains) < price - WORTH:
             continue
         best = trials[int(np.argmax(gains))]
-        floor = LEAST_NOISE * noise_floor(linearised)
-        whole, value = fit_noise(best.columns, std, offset, floor, [], start=best.model, grow=False)
-        outside, inside = whole.processes[k].std, float(np.hypot(whole.processes[k].std, whole.processes[-1].std))
-        ratio, gain = inside / max(outside, 1e-300), value - fitted.log_likelihood - price
+        records = [c.record for c in best.columns]
+        whole = fitted_noise(linearised, records, best.columns, std, offset, best.model, grow=False)
+        outside, more = whole.model.processes[k].std, whole.model.processes[-1].std
+        ratio = float(np.hypot(outside, more)) / max(outside, 1e-300)
+        gain = whole.log_likelihood - fitted.log_likelihood - price
         if ratio >= LEAST_RATIO and gain > 0.0:
             uneven.append(UnevenForce(where=process.where, at=best.regime.what, ratio=ratio, gain=gain))
     return tuple(uneven)
@@ -126,12 +127,11 @@ def _trials(columns: Sequence[RecordColumns], model: NoiseModel, k: int, regime:
     records = [c.record.with_modulated([process.source], [w]) for c, w in zip(columns, regime.weights, strict=True)]
     modulated = [replace(c, record=r) for c, r in zip(columns, records, strict=True)]
     new = records[0].gamma0.shape[2] - 1
-    for outside in OUTSIDE:
-        for inside in INSIDE:
-            processes = list(model.processes)
-            processes[k] = replace(process, std=outside * process.std)
-            processes.append(replace(process, source=new, std=inside * process.std))
-            yield _Trial(regime=regime, columns=modulated, model=replace(model, processes=tuple(processes)))
+    for inside in INSIDE:
+        processes = list(model.processes)
+        processes[k] = replace(process, std=OUTSIDE * process.std)
+        processes.append(replace(process, source=new, std=inside * process.std))
+        yield _Trial(regime=regime, columns=modulated, model=replace(model, processes=tuple(processes)))
 
 
 def _regimes(likelihood: StageLikelihood) -> dict[str, list[_Regime]]:

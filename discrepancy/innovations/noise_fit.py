@@ -58,7 +58,7 @@ class WhitenedRecord:
         Log-determinant of every sample's whitening: minus half that of the covariance of its innovations; zero where it
         does not count.
     own_log_det : float
-        Half the log-determinant of the own unknowns' normal matrix, priors included, in units of their columns.
+        Half the log-determinant of the own unknowns' normal matrix, priors included, in units of the priors.
     """
 
     residual: np.ndarray

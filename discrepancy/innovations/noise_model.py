@@ -110,42 +110,27 @@ class InnovationWeighting:
             By those of the white noise, at a given correlation.
         processes : ndarray, shape (p,)
         """
-        r, model = self.record, self.model
+        model = self.model
         driving, noise = np.zeros(len(model.processes)), np.zeros((white.shape[1], white.shape[1]))
         score_pass(
-            r.phi,
-            r.gamma0,
-            r.gamma1,
-            r.c,
-            r.d,
-            r.observed,
-            r.counts,
-            *_indices(model.processes),
-            _decay(r, model.processes),
-            self.gain,
-            self.root,
+            *self._filter(),
             np.ascontiguousarray(white),
             driving,
             noise,
         )
         return np.sum(noise * model.noise_covariance(), axis=1), driving * np.array([q.std**2 for q in model.processes])
 
+    def _filter(self) -> tuple[np.ndarray, ...]:
+        """Return what the compiled recursions take of the record and of its filter."""
+        r, processes = self.record, self.model.processes
+        transitions = (r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts)
+        return (*transitions, *_indices(processes), _decay(r, processes), self.gain, self.root)
+
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
         out = np.empty_like(columns)
-        r, model = self.record, self.model
         filter_columns(
-            r.phi,
-            r.gamma0,
-            r.gamma1,
-            r.c,
-            r.d,
-            r.observed,
-            r.counts,
-            *_indices(model.processes),
-            _decay(r, model.processes),
-            self.gain,
-            self.root,
+            *self._filter(),
             columns,
             out,
             inverse,
