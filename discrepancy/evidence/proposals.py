@@ -32,6 +32,7 @@ from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.ties import canonical_correlation
 from discrepancy.statistics.whitened import WhitenedProblem, whiten_all
 from discrepancy.statistics.whitening import identity
+from multibody.base.quantity_text import count_text
 
 __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 
@@ -211,7 +212,7 @@ def propose(
     same_law = {e.name: name for e in entries if (name := _parameter_of_same_law(e, plain.sensitivities().names))}
     asked = [e for e in entries if e.name not in same_law]
     raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
-    progress(f"scores of {len(raw)} candidates")
+    progress(f"scores of {count_text(len(raw), 'candidate')}")
     residual, sens = problem.residual(), problem.sensitivities()
     white = _whitened(raw, problem.weighting)
     scored = _scored(problem, white)

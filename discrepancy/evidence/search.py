@@ -219,7 +219,8 @@ class EvidenceSearch:
             if model.likelihood is not None:
                 self._judge(model, parent)
             self.models[model.key] = model
-            state.progress(f"{model.name}: log evidence {model.total - parent.total:+.1f} ({model.outcome})")
+            rise = f"log evidence {model.total - parent.total:+.1f}, " if model.likelihood is not None else ""
+            state.progress(f"{model.name}: {rise}{model.outcome}")
         return trials
 
     def _best_fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage | None:

@@ -37,6 +37,7 @@ from discrepancy.statistics.ties import canonical_correlation
 from multibody.base.errors import ModelError
 from multibody.base.parallel import parallel_map
 from multibody.base.progress import silent
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult, ScanRow
@@ -275,7 +276,7 @@ def score_candidates(
     entries = _entries(stage, include, exclude)
     candidates, refused = candidate_sensitivities(problem, entries, progress, stage.effects, curves=not stage.effects)
     residual, sensitivities = problem.residual(), problem.sensitivities()
-    progress(f"scores of {len(candidates)} candidates")
+    progress(f"scores of {count_text(len(candidates), 'candidate')}")
     return _scans(residual, sensitivities, candidates, level, seed, stage.noise), candidates, refused
 
 

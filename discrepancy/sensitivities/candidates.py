@@ -35,6 +35,7 @@ from multibody.base.errors import ModelError
 from multibody.base.memory import KEPT, ArrayStore, memory_limit, scratch_folder
 from multibody.base.parallel import available_cores, parallel_map
 from multibody.base.progress import Step
+from multibody.base.quantity_text import count_text
 
 __all__ = ["candidate_sensitivities", "cannot_be_built"]
 
@@ -174,7 +175,7 @@ def _all_sensitivities(
 
     def of(i: int) -> dict[tuple[str, int], Kept]:
         if progress is not None:
-            text = f"sensitivities of {len(plans)} candidates on {linearised.experiments[i].name}"
+            text = f"sensitivities of {count_text(len(plans), 'candidate')} on {linearised.experiments[i].name}"
             progress(Step(text, len(finished), count))
         sensitivities = _record_sensitivities(linearised, i, plans, store, channels)
         finished.append(i)

@@ -13,6 +13,7 @@ from discrepancy.sensitivities.disturbance import DisturbanceForce, accumulating
 from discrepancy.sensitivities.free_curve_scan import FreeCurveScan, free_curve_error_drops, scan_free_curves
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from estimation.signals.preparation import Preparation
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult
@@ -177,7 +178,7 @@ class Stage:
 
     def __repr__(self) -> str:
         errors = ", ".join(f"{n}: {e:.4g} {self.system.unit(n)}" for n, e in self.rmse("identify").items())
-        return f"Stage({self.name!r}, {len(self.effects)} effects, RMS errors: {errors})"
+        return f"Stage({self.name!r}, {count_text(len(self.effects), 'effect')}, RMS errors: {errors})"
 
     # ---------------------------------------------------------------- computed once
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ def read_mdf(path: Path, request: TableRequest) -> FileTable:
     try:
         file = asammdf.MDF(path, raise_on_multiple_occurrences=False)
     except Exception as error:  # the reader raises many kinds on damaged files
+        _let_go(error)
         raise RecordError([f"{path.name}: is not a readable MDF file ({error}): export it again"]) from error
     with file:
         places: dict[str, tuple[int, int]] = {}
@@ -43,3 +45,15 @@ def read_mdf(path: Path, request: TableRequest) -> FileTable:
             return signal.samples, signal.timestamps, round(start.timestamp() * 1e6) * 1000
 
         return table_from_channels(path, list(places), request, get, units, "channel")
+
+
+def _let_go(error: Exception) -> None:
+    """Keep the library from closing a damaged file a second time.
+
+    It has closed the file already, but the object's finaliser tries again and fails in whatever code runs when it is
+    collected: an import that is under way breaks.
+    """
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        opened = frame.f_locals.get("self")
+        if opened is not None and hasattr(opened, "_closed"):
+            opened._closed = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import gzip
 from pathlib import Path
 
@@ -146,6 +147,15 @@ def test_foreign_files_are_refused(tmp_path, name, content, told):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(RecordError, match=told):
         read_records([tmp_path / name], **ASKED)
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_a_damaged_mdf_file_leaves_nothing_that_fails_later(tmp_path):
+    pytest.importorskip("asammdf")
+    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10" + b" " * 200)
+    with pytest.raises(RecordError, match="not a readable MDF file"):
+        read_records([tmp_path / "a.mf4"], **ASKED)
+    gc.collect()
 
 
 def test_missing_file_names_the_nearest(tmp_path):
