@@ -230,6 +230,8 @@ class Session:
     def state(self) -> Entry:
         """Return everything that the page shows but the figures and the candidates."""
         study = self.study
+        # first, or a step that ends meanwhile would show the stages before it as what stands after it
+        version, doing = self.version, self._doing
         stages = list(study.stages)
         outputs = (
             []
@@ -244,9 +246,9 @@ class Session:
             ]
         )
         return {
-            "version": self.version,
+            "version": version,
             "name": study.problem.name,
-            "doing": self._doing or None,
+            "doing": doing or None,
             "error": self._error,
             "outputs": outputs,
             "stages": [self._stage(s) for s in stages],

@@ -24,6 +24,7 @@ from discrepancy.study.script import replay
 from discrepancy.study.study import Study
 from discrepancy.workbench.command import open_session
 from discrepancy.workbench.session import Busy, Session
+from multibody.base.quantity_text import unit_text
 
 NAME, OUTPUT = "coulomb_friction@guide", "carriage.position"
 
@@ -256,6 +257,23 @@ def test_one_piece_of_work_at_a_time_and_it_can_be_stopped(tmp_path):
     session.begin("compare", lambda: session.study.stage)
     session.join()
     assert len(session.state()["stages"]) == 2
+
+
+def test_a_step_that_ends_while_the_state_is_read_is_told_as_news(session, monkeypatch):
+    ended = threading.Event()
+
+    def end_the_step(unit):
+        ended.set()
+        session.join()
+        return unit_text(unit)
+
+    session.begin("wait", ended.wait)
+    with monkeypatch.context() as patch:
+        patch.setattr("discrepancy.workbench.session.unit_text", end_the_step)
+        state = session.state()
+    assert state["doing"] is not None  # what was read of the stages may be older than the end of the step
+    assert state["version"] < session.version
+    assert session.state()["doing"] is None
 
 
 def test_a_step_that_fails_says_why_and_changes_nothing(session):
