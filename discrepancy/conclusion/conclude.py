@@ -104,6 +104,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     if state.interrupted:
         by = f" ({state.interruption})" if state.interruption not in ("", "interrupted") else ""
         warnings.append(f"The search was interrupted{by}: there may be more effects than those listed here.")
+        warnings += [state.untested] if state.untested else []
         verdict = verdict if accepted else ""
     judged_on = "validate" if stages[min(1, len(stages) - 1)].fits("validate") else "identify"
     if curve is not None and not accepted:

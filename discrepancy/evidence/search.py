@@ -23,6 +23,7 @@ from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from multibody.base.errors import ModelError
 from multibody.base.parallel import parallel_map
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
@@ -82,6 +83,18 @@ class EvidenceSearch:
     def taken(self) -> TriedModel | None:
         """The model that is the answer; None before there is one."""
         return next((m for m in self.models.values() if m.taken), None)
+
+    def untested(self) -> str:
+        """Return a sentence on the best model of a search that was interrupted; empty if there is none better."""
+        ranked = self._ranked()
+        if self.taken is not None or self.start is None or not ranked or not ranked[0].key:
+            return ""
+        best = ranked[0]
+        return (
+            f"The best of {count_text(len(self.models) - 1, 'model')} fitted until then is {best.name} "
+            f"(log evidence {best.total - self.start.total:+.1f}); whether records that were left out are predicted "
+            "better with it was not tested."
+        )
 
     # ---------------------------------------------------------------- the beam
 
@@ -190,7 +203,14 @@ class EvidenceSearch:
         source = parent.likelihood
         _ = source.noise  # before the fits go side by side
 
+        done: list[TriedModel] = []
+
         def tried(offer: tuple[Proposal, float]) -> TriedModel:
+            model = fitted(offer)
+            done.append(model)
+            return model
+
+        def fitted(offer: tuple[Proposal, float]) -> TriedModel:
             proposal, p_value = offer
             model = TriedModel(
                 likelihood=None,
@@ -214,14 +234,23 @@ class EvidenceSearch:
                 model.outcome = "a strength is zero: it would act the other way"
             return model
 
-        trials = parallel_map(tried, offers)
+        try:
+            trials = parallel_map(tried, offers)
+        except KeyboardInterrupt:
+            self._keep(done, parent)
+            raise
+        self._keep(trials, parent)
+        for model in trials:
+            rise = f"log evidence {model.total - parent.total:+.1f}, " if model.likelihood is not None else ""
+            state.progress(f"{model.name}: {rise}{model.outcome}")
+        return trials
+
+    def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
+        """Judge models that were fitted, and let them be among those that were tried."""
         for model in trials:
             if model.likelihood is not None:
                 self._judge(model, parent)
             self.models[model.key] = model
-            rise = f"log evidence {model.total - parent.total:+.1f}, " if model.likelihood is not None else ""
-            state.progress(f"{model.name}: {rise}{model.outcome}")
-        return trials
 
     def _best_fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage | None:
         """Return the best fit of a model, and note why there is none.

@@ -256,7 +256,8 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
         scale = scale * np.sqrt(np.mean(left**2, axis=0))
     lengths = np.cumsum([len(shared) for shared, _ in records])[:-1]
     memory = max(correlation_time(c) for part in np.split(left, lengths) for c in part.T)
-    spread = np.sqrt(np.mean(left**2) * memory * np.diag(np.linalg.pinv(unit.T @ unit)))
+    variance = np.mean(left**2) * memory * np.diag(np.linalg.pinv(unit.T @ unit))
+    spread = np.sqrt(np.where(variance > 0.0, variance, np.inf))  # below zero by rounding: the records cannot show it
     share = {}
     for k, name in enumerate(names):
         felt, std = (-solved[k] / size[k], spread[k] / size[k]) if size[k] > 0.0 else (0.0, np.inf)

@@ -55,6 +55,8 @@ class SearchState:
         True if a search was interrupted; its stages remain.
     interruption : str
         By what it was interrupted.
+    untested : str
+        What is said of the best model that was fitted before that and not tested further.
     in_windows_instead : bool
         True if simulations of whole records were replaced by windows.
     prior_conflict : PriorConflict, optional
@@ -79,6 +81,7 @@ class SearchState:
     elimination_pending: bool = field(default=False, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
     interruption: str = field(default="", kw_only=True)
+    untested: str = field(default="", kw_only=True)
     in_windows_instead: bool = field(default=False, kw_only=True)
     prior_conflict: PriorConflict | None = field(default=None, kw_only=True)
     omnibus: Omnibus | None = field(default=None, kw_only=True)

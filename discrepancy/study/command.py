@@ -21,6 +21,7 @@ from discrepancy.report.write import write_report
 from discrepancy.stages.stage import Stage
 from discrepancy.study.history import fingerprint, restore, save_history
 from discrepancy.study.study import Study
+from multibody.base.quantity_text import count_text
 from multibody.base.result_folder import check_owner
 from multibody.base.stopping import Stopped
 from multibody.base.terminal_text import printable
@@ -55,9 +56,11 @@ def diagnose(args: Namespace) -> int:
     if not study.interrupted:
         return 0
     count = len(conclusion.accepted)
-    so_far = f"{count} effect{'s' if count > 1 else ''} found so far" if count else "no effect was found yet"
+    so_far = f"{count_text(count, 'effect')} found so far" if count else "no effect was found yet"
     reason = study.interruption
     print(f"vtsdt: {reason}: {so_far}; continue with the same command and --resume", file=sys.stderr)
+    if study.untested:
+        print(printable(study.untested), file=sys.stderr)
     return Stopped(reason).code
 
 

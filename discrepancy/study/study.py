@@ -287,6 +287,7 @@ class Study(SearchState):
             step["stopped"] = self.interrupted = True
             self.save()
             self.interruption = str(stopped) or "interrupted"
+            self.untested = by_evidence.untested() if by_evidence is not None else ""
             go_on()
         return conclude(self, by_evidence)
 

@@ -135,6 +135,24 @@ def test_a_search_that_is_interrupted_at_once_concludes_without_an_answer(monkey
     assert conclusion.verdict == ""
 
 
+def test_a_search_that_is_interrupted_tells_the_best_model_that_was_fitted_until_then():
+    problem = axis_case(1, ["coulomb_friction@guide"], trips=3).problem(seed=1)
+    fitted = []
+
+    def interrupting(text):
+        fitted.extend([text] if text.startswith("fit with") else [])
+        if len(fitted) > 2:
+            raise KeyboardInterrupt
+
+    study = Study(replace(problem, include=FEW, search="evidence"), interrupting)
+    conclusion = study.diagnose()
+    assert study.interrupted
+    assert conclusion.accepted == ()
+    assert "fitted until then is" in study.untested
+    assert study.untested in conclusion.warnings
+    assert len(conclusion.models) > 1
+
+
 def test_a_search_without_room_for_effects_names_nothing():
     problem = axis_case(1, ["coulomb_friction@guide"], trips=3).problem(seed=1)
     study = Study(replace(problem, include=FEW, max_effects=0, search="evidence"))
