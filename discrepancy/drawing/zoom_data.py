@@ -28,6 +28,7 @@ def zoom_figure(
     stop: float = np.inf,
     most: int = MOST,
     marks: Sequence[tuple[float, float]] = (),
+    numbers: bool = True,
 ) -> dict[str, Any]:
     """Return the data of a figure: measurement and models over a stretch of time.
 
@@ -47,14 +48,17 @@ def zoom_figure(
         Rows kept of each line and of each residual.
     marks : sequence of (float, float), s
         Stretches to be marked.
+    numbers : bool
+        If not, the lines are empty: a figure that nobody sees needs only its names.
     """
     time = signal.time
     low = max(0, int(np.searchsorted(time, start)) - 1)
     high = min(time.size, int(np.searchsorted(time, stop, side="right")) + 1)
-    part = slice(low, high)
+    part = slice(low, high if numbers else low)
     measured = signal.measured[part]
     lines = [np.asarray(y[part], dtype=float) for _, _, y in models]
-    rows = extreme_rows_of([measured, *lines, *(measured - y for y in lines)], most)
+    residuals = [measured - y for y in lines]
+    rows = extreme_rows_of([measured, *lines, *residuals], most) if numbers else np.arange(0)
     return {
         "title": title or f"{signal.output} on '{signal.record}'",
         "label": label(signal.output, signal.unit),

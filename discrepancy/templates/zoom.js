@@ -26,15 +26,20 @@ window.vtsdtZoom = (function () {
   }
 
   /* Draws figures into an element.  options.onZoom(from, to) is called when the visible stretch was changed by hand,
-     options.onMark(figure, mark) when a marked stretch is clicked.  Returns {show(from, to), update(figures)}. */
+     options.onMark(figure, mark) when a marked stretch is clicked, options.onSight() when a figure without numbers comes
+   into sight.  Returns {show(from, to), update(figures), inSight()}. */
   function draw(element, figures, options) {
     options = options || {};
     const plots = [];
     let whole = null, shown = null, busy = false;
 
+    const isEmpty = (p) => !p.figure.x;
+    const inSight = () => [...new Set(plots.filter((p) => p.visible).map((p) => p.figure.output))];
+
     /* What changes in a panel that is out of sight is drawn when it comes into sight. */
     function refresh(p) {
       if (!p.visible || !(p.stale || p.moved)) return;
+      if (p.stale && isEmpty(p)) return; // the old lines stay until the new ones are there
       if (p.stale) p.plot.setData(data(p.figure, p.residual), !shown);
       if (shown) p.plot.setScale("x", { min: shown[0], max: shown[1] });
       p.stale = false;
@@ -47,6 +52,7 @@ window.vtsdtZoom = (function () {
         p.visible = e.isIntersecting;
         refresh(p);
       }
+      if (options.onSight && plots.some((p) => p.visible && isEmpty(p))) options.onSight();
     }, { rootMargin: "200px" });
     window.addEventListener("beforeprint", () => { for (const p of plots) { p.visible = true; refresh(p); } });
 
@@ -78,7 +84,7 @@ window.vtsdtZoom = (function () {
     }
 
     function panel(figure, residual) {
-      const box = document.createElement("div"), own = { figure, residual, box, visible: true, stale: false, moved: false };
+      const box = document.createElement("div"), own = { figure, residual, box, visible: !!figure.x, stale: false, moved: false };
       box.className = "zoom-panel";
       element.appendChild(box);
       const series = [{ label: "time", value: (u, v) => (v === null ? "" : v.toPrecision(6) + " s") }];
@@ -186,7 +192,7 @@ window.vtsdtZoom = (function () {
         if (Math.abs(width - p.plot.width) > 1) p.plot.setSize({ width, height: p.plot.height });
       }
     }).observe(element);
-    return { show, update, plots };
+    return { show, update, inSight, plots };
   }
   return { draw };
 })();

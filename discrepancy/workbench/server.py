@@ -61,6 +61,7 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
             against=int(given.get("against", 1)),
             predict=given.get("predict", ""),
             values=given.get("values") or None,
+            outputs=given.get("outputs"),
         )
 
     def do(given: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -308,6 +308,7 @@ class Session:
         against: int = 1,
         predict: str = "",
         values: Mapping[str, float] | None = None,
+        outputs: Collection[str] | None = None,
     ) -> list[Entry]:
         """Return the figures of a record: measurement, a stage to compare with, the latest stage, and a prediction.
 
@@ -323,6 +324,8 @@ class Session:
             Candidate whose linear prediction is drawn too; of identification records only.
         values : mapping of str to float, optional
             Values of parameters: the latest model simulated with them is drawn too.
+        outputs : collection of str, optional
+            Those whose numbers are wanted; the figures of the others have empty lines.  Default: all.
         """
         stages = list(self.study.stages)
         if not stages:
@@ -350,7 +353,13 @@ class Session:
                 models.append(("with the values of the sliders", "predicted", changed[:, column]))
             figures.append(
                 zoom_figure(
-                    signal, models, title=signal.output, start=start, stop=stop, marks=worst.get(signal.output, ())
+                    signal,
+                    models,
+                    title=signal.output,
+                    start=start,
+                    stop=stop,
+                    marks=worst.get(signal.output, ()),
+                    numbers=outputs is None or signal.output in outputs,
                 )
             )
         return figures

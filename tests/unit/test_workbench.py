@@ -88,6 +88,17 @@ def test_figures_have_the_measurement_and_the_models(session):
     assert time[-1] == pytest.approx(4.0, abs=0.011)
 
 
+def test_only_the_outputs_in_sight_are_sent_with_numbers(session):
+    (seen,) = session.figures("run1", outputs=[OUTPUT])
+    assert seen == session.figures("run1")[0]
+    (unseen,) = session.figures("run1", outputs=[])
+    lines = [unseen["x"], unseen["measured"], *(m["y"] for m in unseen["models"])]
+    assert lines == [""] * len(lines)
+    for key in ("title", "label", "whole", "marks", "noise"):
+        assert unseen[key] == seen[key]
+    assert [m["name"] for m in unseen["models"]] == [m["name"] for m in seen["models"]]
+
+
 def test_what_was_added_by_hand_is_said_in_the_answer(session):
     sentence = session.study.conclude().sentence
     assert sentence.startswith("Added by hand: dry (Coulomb) friction at guide.")

@@ -92,6 +92,44 @@ def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
             assert {n: v["rmse"] for n, v in stage[part].items()} == kept["rmse"][part]
 
 
+@pytest.mark.slow
+def test_panels_are_zoomed_together_and_a_lost_browser_loses_nothing(browser, study, tmp_path):
+    with walking.workbench(study, "--out", tmp_path) as (address, _):
+        page = walking.page_of(browser, address)
+        page.evaluate(
+            "() => { const draw = vtsdtZoom.draw; vtsdtZoom.draw = (...all) => (window.drawn = draw(...all)); }"
+        )
+        for view in ("where", "time"):
+            page.locator(f'#tabs button[data-view="{view}"]').click()
+            page.locator(f'#view[data-view="{view}"]').wait_for()
+
+        def spans() -> list[list[float]]:
+            return page.evaluate("drawn.plots.map((p) => [p.plot.scales.x.min, p.plot.scales.x.max])")
+
+        whole = spans()
+        assert len(whole) == 2  # the output and its residual
+        page.locator(".zoom-bar button").first.click()
+        page.wait_for_function(f"drawn.plots[0].plot.scales.x.min > {whole[0][0]}")
+        closer = spans()
+        assert closer[0] == closer[1]
+        box = page.locator(".zoom-panel .u-over").nth(1).bounding_box()  # drag over the residual
+        across = box["y"] + 0.5 * box["height"]
+        page.mouse.move(box["x"] + 0.25 * box["width"], across)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.75 * box["width"], across, steps=5)
+        page.mouse.up()
+        page.wait_for_function(f"drawn.plots[0].plot.scales.x.min > {closer[0][0]}")
+        closest = spans()
+        assert closest[0] == closest[1]
+        assert closest[0][1] - closest[0][0] == pytest.approx(0.5 * (closer[0][1] - closer[0][0]), rel=0.05)
+        page.locator("#search:enabled").click()
+        page.locator("#doing strong", has_text="search on").wait_for()
+        page.close()
+        page = walking.page_of(browser, address)
+        page.locator("#verdict:not(:empty)").wait_for()
+        assert "guide" in page.locator("#stages li").nth(2).inner_text()
+
+
 def test_two_studies_in_two_tabs_and_one_process_that_goes(browser, study, tmp_path):
     ways = walking.workbench
     with ways(study, "--out", tmp_path / "one") as (one, process), ways(study, "--out", tmp_path / "two") as (two, _):

@@ -63,9 +63,11 @@ wb.views = (function () {
     drawing = null;
     return show();
   }
-  async function drawTime() {
+  /* Figures drawn because the person scrolled to them are not counted: nothing was asked of the model. */
+  async function drawTime(counted = true) {
     const begun = performance.now(), [start, stop] = chosen.span || [null, null];
     const given = { record: chosen.record, start, stop, against: chosen.against, predict: chosen.candidate, values: chosen.values };
+    if (drawing) given.outputs = drawing.inSight(); // the numbers of the others are asked for when they come into sight
     const figures = await wb.send("figures", given);
     if (chosen.view !== "time" || !figures.length) return;
     if (drawing) drawing.update(figures);
@@ -73,11 +75,12 @@ wb.views = (function () {
       const box = element("div", undefined, { className: "zoom" });
       $("view").replaceChildren(box);
       $("view").dataset.view = "time";
-      drawing = vtsdtZoom.draw(box, figures, { onZoom: zoomed, onMark: (figure, mark) => drawing.show(mark[0], mark[1], true) });
+      drawing = vtsdtZoom.draw(box, figures, { onZoom: zoomed, onSight: () => drawTime(false).catch(wb.complain), onMark: (figure, mark) => drawing.show(mark[0], mark[1], true) });
       drawing.whole = figures[0].whole;
       if (chosen.span) drawing.show(chosen.span[0], chosen.span[1], false);
     }
     await new Promise(requestAnimationFrame); // what uPlot has put off until the end of this task is drawn by then
+    if (!counted) return;
     wb.times.last = performance.now() - begun;
     if (wb.times.first === undefined) wb.times.first = performance.now();
     document.body.dataset.figures = String(Number(document.body.dataset.figures || 0) + 1);
