@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-__all__ = ["memory_used_up"]
+__all__ = ["address_space_limit", "memory_used_up"]
 
 #: Bytes below a limited address space from which on it counts as used up: libraries ask for pieces of up to this size.
 MARGIN = 256 << 20
@@ -21,15 +21,27 @@ def memory_used_up(error: BaseException) -> bool:
         return True
     if isinstance(error, OSError | ValueError):  # foreseen: the program's own messages are of these kinds
         return False
+    limit = address_space_limit()
+    if limit is None:
+        return False
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+        peak = next((1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmPeak")), 0)
+    except OSError:
+        return False
+    except MemoryError:  # not even for asking
+        return True
+    return peak > limit - MARGIN
+
+
+def address_space_limit() -> int | None:
+    """Return the limit of this process's address space in bytes (``ulimit -v``), or None where there is none."""
     try:
         import resource
-
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-    except (ImportError, OSError):
-        return False
-    peak = next((1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmPeak")), 0)
-    return limit != resource.RLIM_INFINITY and peak > limit - MARGIN
+    except ImportError:
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def _says_so(error: BaseException | None) -> bool:

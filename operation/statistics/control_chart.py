@@ -1,7 +1,7 @@
-"""Changes in a series of records at a stated rate of false alarms: the cumulative sum of standardised residuals.
+"""Changes in a series of records at a stated rate of false alarms: the cumulative sum of prediction errors.
 
 E. S. Page, Biometrika 41 (1954) 100 (the chart); D. Brook, D. A. Evans, Biometrika 59 (1972) 539 (its run length by a
-Markov chain); the residuals are those of `operation.statistics.recursive_residuals`.
+Markov chain); the errors are those of `operation.statistics.prediction_errors`, of standardised residuals.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from operation.statistics.prediction_errors import prediction_errors
 from operation.statistics.recursive_residuals import standardised_residuals
 
 __all__ = ["Change", "control_chart", "decision_limit", "mean_run_length"]
@@ -111,22 +112,24 @@ def control_chart(
 
     Notes
     -----
-    The rate holds where the values are independent from record to record and normal about a constant and the
-    covariates.  It is measured for that and for other noise on the page *The twin in operation*.
+    The rate holds where the values are normal about a constant and the covariates, and each is correlated with the last
+    alone.  It is measured for that and for other noise on the page *False alarms*.
     """
     limit = decision_limit(records_per_alarm)
     values = np.asarray(values, dtype=float)
     kept = np.flatnonzero(np.isfinite(values))
     changes: list[Change] = []
+    earlier: list[np.ndarray] = []
     start = 0  # into kept
     while start < kept.size:
         rows = kept[start:]
         u = standardised_residuals(values[rows], None if covariates is None else np.asarray(covariates)[rows])
-        found = _first_passage(u, limit)
+        found = _first_passage(prediction_errors(u, earlier), limit)
         if found is None:
             break
         at, since, up, size = found
         changes.append(Change(found=int(rows[at]), since=int(rows[since]), up=bool(up), statistic=float(size)))
+        earlier.append(u[: at + 1])
         start += at + 1  # not from the change point on: those records were chosen because they lie on one side
     return tuple(changes)
 

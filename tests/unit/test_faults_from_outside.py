@@ -13,6 +13,7 @@ import pytest
 
 from multibody.base.out_of_memory import memory_used_up
 from multibody.base.result_folder import written_together
+from vtsdt.cli import command_line
 
 ROOT = Path(__file__).parents[2]
 
@@ -74,3 +75,27 @@ def caused(error: Exception, cause: Exception) -> Exception:
 )
 def test_what_a_lack_of_memory_looks_like(error: Exception, expected: bool) -> None:
     assert memory_used_up(error) is expected
+
+
+def out_of_memory(*_: object, **__: object) -> None:
+    raise MemoryError
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the address space there")
+def test_no_memory_to_ask_for_memory_is_a_lack_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("multibody.base.out_of_memory.address_space_limit", lambda: 1 << 40)
+    assert not memory_used_up(KeyError("a"))
+    monkeypatch.setattr(Path, "read_text", out_of_memory)
+    assert memory_used_up(KeyError("a"))
+
+
+def test_a_lack_of_memory_is_told_with_the_limit(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command_line, "_dispatch", out_of_memory)
+    monkeypatch.setattr(command_line, "address_space_limit", lambda: 328 << 20)
+    assert command_line.main(["diagnose"]) == 2
+    assert "limited to 0.32 GiB (ulimit -v), and the smallest diagnosis takes about 2.1 GiB" in capsys.readouterr().err
+    monkeypatch.setattr(command_line, "_message", out_of_memory)
+    assert command_line.main(["diagnose"]) == 2
+    assert "memory that this process may have is used up" in capsys.readouterr().err

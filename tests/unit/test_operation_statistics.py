@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import kstest, norm, t
 
 from operation.statistics.change_size import change_size
 from operation.statistics.control_chart import control_chart, decision_limit, mean_run_length
 from operation.statistics.fleet_level import fleet_prior, outliers, share_level
 from operation.statistics.local_level import between_records, local_level, without_prior
+from operation.statistics.prediction_errors import prediction_errors
 from operation.statistics.recursive_residuals import standardised_residuals
 
 DAY = 86400.0
@@ -65,6 +67,28 @@ def test_false_alarms_come_as_often_as_stated():
     alarms = sum(len(control_chart(rng.normal(2.0, 5.0, length), rate)) for _ in range(count))
     expected = count * length / rate
     assert 0.6 * expected < alarms < expected + 3.0 * np.sqrt(expected)
+
+
+def test_correlated_records_alarm_less_than_twice_as_often_as_stated():
+    """As above, each value correlated with the last by 0.5: without taking that off, five times as often."""
+    rng, count, length, rate = np.random.default_rng(3), 200, 365, 200.0
+    values = lfilter([1.0], [1.0, -0.5], rng.standard_normal((count, length + 50)))[:, 50:]
+    alarms = sum(len(control_chart(y, rate)) for y in values)
+    assert 0.5 * count * length / rate < alarms < 2.0 * count * length / rate
+
+
+def test_the_correlation_is_that_of_the_series_whatever_steps_it_has():
+    rng = np.random.default_rng(8)
+    u = lfilter([1.0], [1.0, -0.5], np.sqrt(0.75) * rng.standard_normal(3050))[50:]
+    errors = prediction_errors(u + 3.0 * (np.arange(3000) % 1000 > 500))
+    steady = np.arange(3000) % 1000 < 500
+    steady[:50] = False
+    e = errors[steady]
+    assert np.std(e) == pytest.approx(1.0, abs=0.05)
+    assert np.corrcoef(e[1:], e[:-1])[0, 1] == pytest.approx(0.0, abs=0.08)  # three standard errors
+    # a series that starts anew knows the correlation from before, of which its first value has no use
+    # a series that starts anew knows the correlation from before; what is missing are the differences across the start
+    assert prediction_errors(u[1000:1010], [u[:1000]])[1:] == pytest.approx(prediction_errors(u)[1001:1010], abs=0.01)
 
 
 @pytest.mark.parametrize(("size", "within"), [(1.0, 30), (2.0, 10), (-2.0, 10)])

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from multibody.base.out_of_memory import memory_used_up
+from multibody.base.out_of_memory import address_space_limit, memory_used_up
 from multibody.base.stopping import Stopped, stoppable
 from multibody.base.terminal_text import printable
 from vtsdt.cli.arguments import CommandError, memory_limit, time_limit
@@ -45,6 +45,11 @@ BAD_INPUT = {
 
 #: Characters of a line and lines of a message that are printed; chosen: a screen or two.
 LONGEST_LINE, MOST_LINES = 2000, 60
+#: Address space that the diagnosis of a study with one record of 200 rows takes, most of it of libraries: 2.1 GiB
+#: (Python 3.11, Linux, one thread for linear algebra).
+SMALLEST_ADDRESS_SPACE = 2.1
+#: Said where there is no memory left to put a message together.
+NO_MEMORY_LEFT = "vtsdt: the memory that this process may have is used up: give it more; earlier results are kept\n"
 
 
 def _dispatch(words: list[str]) -> int:
@@ -94,10 +99,19 @@ def _shortened(text: str) -> str:
 
 def _message(error: BaseException) -> str:
     if memory_used_up(error):
+        limit = address_space_limit()
+        given = (
+            ""
+            if limit is None
+            else (
+                f"; its address space is limited to {limit / 2**30:.3g} GiB (ulimit -v), "
+                f"and the smallest diagnosis takes about {SMALLEST_ADDRESS_SPACE:g} GiB"
+            )
+        )
         return (
-            f"the memory that this process may have is used up{f' ({error})' if str(error) else ''}: give it more, "
-            "lower --memory so that more is kept in a file, or take fewer or shorter records ([records] identify, "
-            "decimate) and fewer effects ([candidates] include); earlier results are kept"
+            f"the memory that this process may have is used up{f' ({error})' if str(error) else ''}{given}: "
+            "give it more, lower --memory so that more is kept in a file, or take fewer or shorter records "
+            "([records] identify, decimate) and fewer effects ([candidates] include); earlier results are kept"
         )
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         place = error.filename or "the folder of the results or of compiled code (VTSDT_CACHE)"
@@ -162,20 +176,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        expected = _is_named(error) or memory_used_up(error)
-        if debug:
-            import traceback
+        if not debug:
+            error.__traceback__ = None  # frees what the command held: a lack of memory can then be told
+        try:
+            return _told(error, debug)
+        except MemoryError:
+            sys.stderr.write(NO_MEMORY_LEFT)
+            return 2
 
-            traceback.print_exc()
-        elif expected:
-            print(f"vtsdt: {printable(_shortened(_message(error)))}", file=sys.stderr)
-        else:
-            print(
-                f"vtsdt: a fault in the program: {type(error).__name__}: {printable(_shortened(str(error)))}\n"
-                "run the same command with --debug and report what it prints",
-                file=sys.stderr,
-            )
-        return 2 if expected else 1
+
+def _told(error: Exception, debug: bool) -> int:
+    """Print what an error says, and return the exit code."""
+    expected = _is_named(error) or memory_used_up(error)
+    if debug:
+        import traceback
+
+        traceback.print_exception(error)
+    elif expected:
+        print(f"vtsdt: {printable(_shortened(_message(error)))}", file=sys.stderr)
+    else:
+        print(
+            f"vtsdt: a fault in the program: {type(error).__name__}: {printable(_shortened(str(error)))}\n"
+            "run the same command with --debug and report what it prints",
+            file=sys.stderr,
+        )
+    return 2 if expected else 1
 
 
 if __name__ == "__main__":
