@@ -9,6 +9,7 @@ from discrepancy.questions.compare import PARTS
 from discrepancy.report.figures import PART_WORDS
 from discrepancy.report.wording import share_words
 from multibody.base.quantity_text import count_text
+from multibody.fmi.component import Fmu
 
 if TYPE_CHECKING:
     from discrepancy.conclusion.conclusion import Conclusion
@@ -61,6 +62,11 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
             "least squares over full simulations, with the priors of the parameters; intervals account for the "
             "correlation of the residual",
         ),
+    ]
+    lines += [
+        (f"Sensitivities of '{name}'", part.sensitivities)
+        for name, part in conclusion.final.model.components.items()
+        if isinstance(part, Fmu)
     ]
     if scan is not None:
         lines.append(

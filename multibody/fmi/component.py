@@ -49,6 +49,11 @@ class Fmu(Component):
     given
         Parameters, by name.
 
+    Attributes
+    ----------
+    sensitivities : str
+        From which derivatives sensitivities come: the unit's own, or differences.
+
     Raises
     ------
     FmuError
@@ -69,6 +74,7 @@ class Fmu(Component):
     def _decide_declarations(self) -> None:
         unit = read_unit(str(self.options["path"]))
         self.digest = unit.digest
+        self.sensitivities = unit.sensitivities
         chosen: dict[str, Declaration] = dict(self.declarations)
 
         def add(name: str, item: Declaration) -> None:

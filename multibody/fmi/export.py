@@ -72,8 +72,8 @@ def to_fmu(
     Raises
     ------
     FmuError
-        If the version is unknown, an input is delayed, something has no form in C, fmpy (its C headers) or a compiler
-        is missing.
+        If the version is unknown, an input is delayed, a component is itself a foreign unit, something has no form in
+        C, fmpy (its C headers) or a compiler is missing.
     ModelError
         With every unknown parameter or state.
     SimulationError
@@ -128,6 +128,11 @@ def _check(
         faults.append(f"there is no FMI version '{fmi_version}' here: take one of {', '.join(FMI_VERSIONS)}")
     delayed = [name for name, k in system.input_delays.items() if p[k] != 0.0]
     faults += [f"input '{n}' is delayed, and an FMU does not keep the past of its inputs: delay it" for n in delayed]
+    faults += [
+        f"component '{name}' is evaluated by Python alone and has no form in C: leave it out"
+        for name, part in system.model.components.items()
+        if part.only_python
+    ]
     if importlib.util.find_spec("fmpy") is None:
         faults.append("the C headers of the standard come with fmpy: pip install 'vtsdt[fmi]'")
     if binary and compiler is None:

@@ -96,6 +96,15 @@ class ForeignUnit:
     exact_parameters: bool
     ignored: tuple[str, ...]
 
+    @property
+    def sensitivities(self) -> str:
+        """From which derivatives sensitivities come, as a sentence's part."""
+        if not self.derivatives:
+            return "central differences; the unit has no directional derivatives"
+        if self.exact_parameters:
+            return "the unit's own directional derivatives"
+        return "the unit's own directional derivatives for states and inputs, central differences for parameters"
+
 
 def file_digest(path: Path) -> str:
     """Return a digest of a file's bytes.

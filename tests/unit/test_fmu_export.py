@@ -15,12 +15,17 @@ import pytest
 
 import multibody.library as lib
 from discrepancy.rigs.axis_model import build as axis_model
+from discrepancy.stages.fitted_machine import machine_with_effects
+from estimation.response.sensors import SensorError
 from multibody import Model
 from multibody.compile.c_source import c_source
 from multibody.compile.emitter.units import unit_of_text
 from multibody.fmi.compiler import c_compiler
+from multibody.fmi.component import Fmu
 from multibody.fmi.errors import FmuError
 from multibody.machine.model import System
+from vtsdt.cli.arguments import CommandError
+from vtsdt.cli.export_fmu import main as export_fmu
 
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy: pip install 'vtsdt[fmi]'")
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="needs a C compiler")
@@ -322,6 +327,36 @@ def test_valgrind_finds_nothing_after_a_thousand_cycles_of_the_lift(version: str
 
 
 # ---------------------------------------------------------------- what is refused, and options
+
+
+def test_a_saved_stage_is_exported_by_command_with_its_sensor_errors(tmp_path: Path) -> None:
+    errors = [
+        SensorError("motor.torque", kind, value) for kind, value in (("gain", 0.1), ("delay", 2e-3), ("lag", 1e-3))
+    ]
+    stage = machine_with_effects(axis_model(coulomb=30.0), (), {"carriage.m": 43.0}, errors, {"motor.torque": "N*m"})
+    saved = stage.save(tmp_path / "1.json")
+    out = tmp_path / "stage.fmu"
+    assert export_fmu([str(saved), "--out", str(out), "--quiet"]) == 0
+    start = {v.name: v.start for v in fmpy.read_model_description(str(out)).modelVariables}
+    assert float(start["carriage.m"]) == 43.0
+    assert float(start["sensor.motor.torque.gain"]) == 0.1
+    times = np.arange(0.0, 0.1 + 1e-9, 1e-3)
+    inputs = {"reference.position": (times, 2e-3 * (times / 0.1) ** 2)}
+    assert max(compared(stage.build(), out, 0.1, 1e-3, inputs=inputs).values()) < 1e-4
+
+
+def test_results_that_are_no_model_are_told(tmp_path: Path) -> None:
+    (tmp_path / "diagnosis.json").write_text("{}")
+    for given in (tmp_path, tmp_path / "diagnosis.json"):
+        with pytest.raises(CommandError, match=r"stages/K\.json"):
+            export_fmu([str(given), "--out", str(tmp_path / "x.fmu")])
+
+
+def test_a_component_without_c_is_named(axis: System, tmp_path: Path) -> None:
+    model = Model("plant")
+    model.add("plant", Fmu(axis.to_fmu(tmp_path / "axis.fmu")))
+    with pytest.raises(FmuError, match="component 'plant' is evaluated by Python alone"):
+        model.build().to_fmu(tmp_path / "again.fmu")
 
 
 def test_missing_compiler_is_told(axis: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ import pytest
 import multibody.library as lib
 from discrepancy.problem.problem import read_problem
 from discrepancy.problem.study_file import StudyError
+from discrepancy.questions.plausibility import check_problem
 from discrepancy.rigs.axis_model import build as axis_model
 from multibody import Model
 from multibody.base.errors import SimulationError
@@ -370,6 +371,15 @@ def test_study_names_an_fmu(second: Path) -> None:
     assert "motor.torque" in problem.model.outputs
     assert [q.name for q in problem.uncertain] == ["plant.carriage_m"]
     assert "guide" in {name for p in problem.model.places() for name in (p.name, *p.also)}
+
+
+def test_it_is_said_which_derivatives_serve(second: Path) -> None:
+    check = check_problem(read_problem(study(second)), excitation=False)
+    assert "sensitivities of 'plant' come from the unit's own directional derivatives" in check.facts
+    edit(second, lambda xml: xml.replace('generationTool="vtsdt ', 'generationTool="other '))
+    assert "central differences for parameters" in read_unit(second).sensitivities
+    edit(second, lambda xml: xml.replace('providesDirectionalDerivative="true"', ""))
+    assert "no directional derivatives" in read_unit(second).sensitivities
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,9 @@ from vtsdt.cli.arguments import CommandError, Parser
 
 __all__ = ["main"]
 
+#: Files beside the models of a study's folder.
+_RESULTS = ("diagnosis.json", "comparison.json", "history.json", "decisions.json", "run.json")
+
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt export-fmu``."""
@@ -27,8 +30,8 @@ def main(arguments: Sequence[str]) -> int:
     add(
         "model",
         metavar="MODEL",
-        help="model.json (a diagnosis writes one with the effects found), a study file, FILE.py:NAME of a function "
-        "that returns a model, or a shipped model: lift, lift-1d, lift-cabin, axis, gear",
+        help="model.json or stages/K.json (a diagnosis writes them, with the effects found), a study file, "
+        "FILE.py:NAME of a function that returns a model, or a shipped model: lift, lift-1d, lift-cabin, axis, gear",
     )
     add("--out", metavar="FILE.fmu", required=True, help="the file to be written")
     add("--fmi", choices=FMI_VERSIONS, default="3.0", help="version of the standard (default 3.0)")
@@ -65,6 +68,8 @@ def _model(text: str) -> Any:
     path = Path(text)
     if path.suffix in (".json", ".toml") and not path.is_file():
         raise CommandError(f"there is no file '{text}'")
+    if path.is_dir() or path.name in _RESULTS:
+        raise CommandError(f"'{text}' is no model: name model.json or stages/K.json in that folder")
     if path.suffix == ".json":
         from multibody.machine.model import Model
 
