@@ -27,7 +27,7 @@ window.vtsdtZoom = (function () {
 
   /* Draws figures into an element.  options.onZoom(from, to) is called when the visible stretch was changed by hand,
      options.onMark(figure, mark) when a marked stretch is clicked, options.onSight() when a figure without numbers comes
-   into sight.  Returns {show(from, to), update(figures), inSight()}. */
+     into sight.  Returns {show(from, to), update(figures), inSight()}. */
   function draw(element, figures, options) {
     options = options || {};
     const plots = [];

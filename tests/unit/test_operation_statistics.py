@@ -86,7 +86,6 @@ def test_the_correlation_is_that_of_the_series_whatever_steps_it_has():
     e = errors[steady]
     assert np.std(e) == pytest.approx(1.0, abs=0.05)
     assert np.corrcoef(e[1:], e[:-1])[0, 1] == pytest.approx(0.0, abs=0.08)  # three standard errors
-    # a series that starts anew knows the correlation from before, of which its first value has no use
     # a series that starts anew knows the correlation from before; what is missing are the differences across the start
     assert prediction_errors(u[1000:1010], [u[:1000]])[1:] == pytest.approx(prediction_errors(u)[1001:1010], abs=0.01)
 

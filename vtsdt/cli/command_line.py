@@ -179,13 +179,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not debug:
             error.__traceback__ = None  # frees what the command held: a lack of memory can then be told
         try:
-            return _told(error, debug)
+            return _explained(error, debug)
         except MemoryError:
             sys.stderr.write(NO_MEMORY_LEFT)
             return 2
 
 
-def _told(error: Exception, debug: bool) -> int:
+def _explained(error: Exception, debug: bool) -> int:
     """Print what an error says, and return the exit code."""
     expected = _is_named(error) or memory_used_up(error)
     if debug:
