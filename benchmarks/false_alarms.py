@@ -145,8 +145,8 @@ taken off.
 
 ## What it costs
 
-A step after {before} records, {trials} trials a row, in standard deviations of a record. Where the records are
-correlated, the chart of independent records is quick because it alarms at anything.
+A step after {before} records, {trials} trials a row, in standard deviations of a record. Where records are correlated,
+the chart for independent records owes its speed to its false alarms.
 
 {delays}
 """

@@ -89,11 +89,11 @@ class EvidenceSearch:
         ranked = self._ranked()
         if self.taken is not None or self.start is None or not ranked or not ranked[0].key:
             return ""
-        best = ranked[0]
+        best, count = ranked[0], sum(m.likelihood is not None for m in self.models.values()) - 1
         return (
-            f"The best of {count_text(len(self.models) - 1, 'model')} fitted until then is {best.name} "
-            f"(log evidence {best.total - self.start.total:+.1f}); whether records that were left out are predicted "
-            "better with it was not tested."
+            f"Of {count_text(count, 'model')} with effects fitted until then, the most probable is {best.name} (log "
+            f"evidence {best.total - self.start.total:+.1f} over the model without); the test whether it predicts "
+            "records that were left out better was not finished."
         )
 
     # ---------------------------------------------------------------- the beam

@@ -17,7 +17,7 @@ from discrepancy.problem.start_states import at_rest
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
 from multibody.base.quantity_text import count_text
-from multibody.fmi.component import Fmu
+from multibody.fmi.component import sensitivity_sources
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -116,9 +116,8 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
         elif effort:
             notes.facts.append(f"{effort:.1f} evaluations of the equations for each sample")
     notes.facts += [
-        f"sensitivities of '{name}' come from {part.sensitivities}"
-        for name, part in problem.model.components.items()
-        if isinstance(part, Fmu)
+        f"sensitivities of '{name}' come from {source}"
+        for name, source in sensitivity_sources(problem.model.components).items()
     ]
     free = dict.fromkeys(name for e in problem.identify for name in e.free)
     if free:

@@ -9,7 +9,7 @@ from discrepancy.questions.compare import PARTS
 from discrepancy.report.figures import PART_WORDS
 from discrepancy.report.wording import share_words
 from multibody.base.quantity_text import count_text
-from multibody.fmi.component import Fmu
+from multibody.fmi.component import sensitivity_sources
 
 if TYPE_CHECKING:
     from discrepancy.conclusion.conclusion import Conclusion
@@ -64,9 +64,8 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
         ),
     ]
     lines += [
-        (f"Sensitivities of '{name}'", part.sensitivities)
-        for name, part in conclusion.final.model.components.items()
-        if isinstance(part, Fmu)
+        (f"Sensitivities of '{name}'", source)
+        for name, source in sensitivity_sources(conclusion.final.model.components).items()
     ]
     if scan is not None:
         lines.append(

@@ -268,6 +268,7 @@ class Study(SearchState):
     def diagnose(self) -> Conclusion:
         """Search for what the model lacks, as ``problem.search`` says; then conclude."""
         self._undone.clear()
+        self.interrupted, self.interruption, self.untested = False, "", ""
         step: dict[str, Any] = {"action": "search"}
         self.steps.append(step)
         if self.stages:

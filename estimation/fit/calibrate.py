@@ -15,6 +15,7 @@ from estimation.fit.weights import weights_of
 from estimation.response.experiment import Experiment, Response
 from estimation.response.sensors import SensorError
 from estimation.signals.correlation import correlation_time, cut_rows
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -134,8 +135,8 @@ def calibrate(
             continue
         if progress is not None:
             progress(
-                f"calibration round {k + 1}: {solution.evaluations} simulations, {solution.jacobians} of them with "
-                f"derivatives, cost {solution.cost:.4g}"
+                f"calibration round {k + 1}: {count_text(solution.evaluations, 'simulation')}, "
+                f"{solution.jacobians} with derivatives, cost {solution.cost:.4g}"
             )
         converged = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
         problem.scale = weights

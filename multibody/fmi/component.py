@@ -24,7 +24,7 @@ from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign import start_states
 from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable, read_unit
 
-__all__ = ["Fmu", "Gap"]
+__all__ = ["Fmu", "Gap", "sensitivity_sources"]
 
 _KEYS = ("force", "motion", "rate")
 
@@ -134,6 +134,11 @@ class Gap(Component):
         """State that no force acts."""
         self.a.force = 0.0  # type: ignore[misc, attr-defined]
         self.b.force = 0.0  # type: ignore[misc, attr-defined]
+
+
+def sensitivity_sources(components: Mapping[str, Component]) -> dict[str, str]:
+    """Return, for each foreign unit among a model's components, from which derivatives its sensitivities come."""
+    return {name: part.sensitivities for name, part in components.items() if isinstance(part, Fmu)}
 
 
 class _Asks:

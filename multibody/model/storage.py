@@ -136,6 +136,10 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
         raise ModelError(f"{path}", [f"the file is not JSON: {error.msg} at {where}"]) from error
     if not isinstance(content, dict) or "schema" not in content:
         raise ModelError(f"{path}", ["this is not a model file: it has no entry 'schema'"])
+    if not faults and not {"components", "connections"} & content.keys():
+        raise ModelError(
+            f"{path}", ["this is not a model file: a diagnosis writes its models as model.json and stages/K.json"]
+        )
     if content["schema"] != SCHEMA:
         mismatch = f"the file has schema {content['schema']!r}, this version reads {SCHEMA}: "
         newer = isinstance(content["schema"], int) and content["schema"] > SCHEMA

@@ -112,8 +112,8 @@ def control_chart(
 
     Notes
     -----
-    The rate holds where the values are normal about a constant and the covariates, and each is correlated with the last
-    alone.  It is measured for that and for other noise on the page *False alarms*.
+    The rate holds where the values are normal about a constant and the covariates and hardly correlated from record to
+    record; where they are strongly correlated it is above the stated one, as the page *False alarms* shows.
     """
     limit = decision_limit(records_per_alarm)
     values = np.asarray(values, dtype=float)

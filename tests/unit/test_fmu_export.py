@@ -18,6 +18,7 @@ from discrepancy.rigs.axis_model import build as axis_model
 from discrepancy.stages.fitted_machine import machine_with_effects
 from estimation.response.sensors import SensorError
 from multibody import Model
+from multibody.base.errors import ModelError
 from multibody.compile.c_source import c_source
 from multibody.compile.emitter.units import unit_of_text
 from multibody.fmi.compiler import c_compiler
@@ -346,9 +347,10 @@ def test_a_saved_stage_is_exported_by_command_with_its_sensor_errors(tmp_path: P
 
 
 def test_results_that_are_no_model_are_told(tmp_path: Path) -> None:
-    (tmp_path / "diagnosis.json").write_text("{}")
-    for given in (tmp_path, tmp_path / "diagnosis.json"):
-        with pytest.raises(CommandError, match=r"stages/K\.json"):
+    results = tmp_path / "diagnosis.json"
+    results.write_text('{"schema": 1, "verdict": "effect found"}')
+    for given, error in ((tmp_path, CommandError), (results, ModelError)):
+        with pytest.raises(error, match=r"stages/K\.json"):
             export_fmu([str(given), "--out", str(tmp_path / "x.fmu")])
 
 

@@ -13,9 +13,6 @@ from vtsdt.cli.arguments import CommandError, Parser
 
 __all__ = ["main"]
 
-#: Files beside the models of a study's folder.
-_RESULTS = ("diagnosis.json", "comparison.json", "history.json", "decisions.json", "run.json")
-
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt export-fmu``."""
@@ -68,8 +65,8 @@ def _model(text: str) -> Any:
     path = Path(text)
     if path.suffix in (".json", ".toml") and not path.is_file():
         raise CommandError(f"there is no file '{text}'")
-    if path.is_dir() or path.name in _RESULTS:
-        raise CommandError(f"'{text}' is no model: name model.json or stages/K.json in that folder")
+    if path.is_dir():
+        raise CommandError(f"'{text}' is a folder: name model.json or stages/K.json in it")
     if path.suffix == ".json":
         from multibody.machine.model import Model
 
