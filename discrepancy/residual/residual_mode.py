@@ -62,8 +62,9 @@ def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent)
         If the machine cannot be simulated at all.
     """
     prepared = _in_chosen_mode(problem, progress)
-    # Windows weight the noise of inputs, and a given motion has its own low-pass.
-    if prepared.mode != "simulation" or problem.inputs == "as recorded":
+    # Windows weight the noise of inputs, a given motion has its own low-pass, and a unit that is stepped would be run
+    # once for each sample of each input.
+    if prepared.mode != "simulation" or problem.inputs == "as recorded" or problem.model.stepped_part:
         return prepared
     quiet, noisy = reduce_input_noise(prepared.problem, progress)
     return replace(prepared, problem=quiet, noisy=noisy)
@@ -71,6 +72,8 @@ def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent)
 
 def _in_chosen_mode(problem: Problem, progress: Callable[[str], None]) -> PreparedProblem:
     """Return the problem in the mode that the study asks for, or that suits the machine."""
+    if problem.model.stepped_part:
+        return PreparedProblem(problem, "simulation", "a unit that is stepped shows no states to predict from")
     if any(e.at_own_instants for e in problem.identify):
         if problem.residual in ("prediction", "inverse"):
             raise StudyError(
