@@ -1,4 +1,4 @@
-"""A missing law that the noise model can take for a random force: radiation of an oven, told apart and not told apart."""
+"""A missing law that the noise model can take for a random force: radiation of an oven, with and without its name."""
 
 import importlib.util
 import json
