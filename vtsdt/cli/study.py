@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import Parser, check_out, common, json_option, whole
+from vtsdt.cli.least_memory import check_memory
 
 __all__ = ["catalogue", "check", "compare", "diagnose"]
 
@@ -31,6 +32,7 @@ def diagnose(arguments: Sequence[str]) -> int:
     common(parser)
     args = parser.parse_args(list(arguments))
     check_out(args.out)
+    check_memory()
     with ProgressLine(args.quiet) as args.progress:
         from discrepancy.study.command import diagnose as run
 
@@ -45,6 +47,7 @@ def compare(arguments: Sequence[str]) -> int:
     common(parser)
     args = parser.parse_args(list(arguments))
     check_out(args.out)
+    check_memory()
     with ProgressLine(args.quiet) as args.progress:
         from discrepancy.study.command import compare as run
 
