@@ -5,7 +5,8 @@ run.  A fault is **survived** if
 
 - the files that ``run.json`` lists are whole: all of the earlier run, or all of the new one, never some of each;
 - the program itself ends with exit code 0, or with 2 and a message that names the fault and what to do.  A killed
-  process says nothing, and neither does one that a library in C ends because it got no memory;
+  process says nothing, and neither does one that a library in C ends in the midst of its work because it got no
+  memory;
 - the same command, given again without the fault (with ``--resume`` where the run had got so far), ends with exit
   code 0 and leaves the very files that it leaves when nothing happens, to the last byte, and no draft.  In
   ``history.json`` the steps are not compared, because a search that is continued is one step more.
@@ -290,17 +291,48 @@ def can_mount() -> bool:
 
 
 def _memory_limit(bench: Bench, rng: np.random.Generator, out: Path) -> Outcome:
-    """So much address space beyond what the process has when it starts, up to what a run takes and more."""
+    """Little address space from the start, or in every second case at the end of what the work needs.
+
+    From the start: a new process, with up to twice what a run takes; it must speak for itself.  Else: a process that
+    has its libraries already and does not ask beforehand, with up to 400 MiB more, so that the end comes anywhere.
+    """
     shutil.copytree(bench.earlier, out)
+    if rng.integers(2):
+        most = int(rng.uniform(64 << 20, 2 << 30))
+        code, message = ended(_started_anew(bench.study, out, most))
+        wrong = _between(out) or _answered(code, message, "memory", "address space")
+        return Outcome(f"{most >> 20} MiB in all: {wrong}" if wrong else repaired(bench, out), code)
     more = int(rng.uniform(1 << 20, 400 << 20))
 
     def limit() -> None:
+        from vtsdt.cli import least_memory
+
+        least_memory.LEAST_ADDRESS_SPACE = 0
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + more, used + more))
 
     code, message = ended(started(bench.study, out, prepare=limit))
     wrong = _between(out) or ("" if code < 0 and code != -signal.SIGALRM else _answered(code, message, "memory"))
-    return Outcome(f"{more >> 20} MiB: {wrong}" if wrong else repaired(bench, out), code)
+    return Outcome(f"{more >> 20} MiB more: {wrong}" if wrong else repaired(bench, out), code)
+
+
+def _started_anew(study: Path, out: Path, most: int) -> Started:
+    """Start a diagnosis as a shell would, with so many bytes of address space."""
+    handle, name = tempfile.mkstemp(dir=study.parent, suffix=".txt")
+    process = os.fork()
+    if process:
+        os.close(handle)
+        return Started(process, Path(name))
+    try:
+        os.dup2(handle, 1)
+        os.dup2(handle, 2)
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        root = str(Path(__file__).parents[1])
+        path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+        words = ["diagnose", str(study), "--out", str(out), "--quiet"]
+        os.execve(sys.executable, [sys.executable, "-m", "vtsdt", *words], {**os.environ, "PYTHONPATH": path})
+    finally:
+        os._exit(1)
 
 
 def _two_at_once(bench: Bench, rng: np.random.Generator, out: Path) -> Outcome:

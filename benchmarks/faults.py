@@ -106,9 +106,10 @@ writes this page and may be interrupted and continued. A whole suite is {planned
 {rule}
 
 The disk is a tmpfs that has room for a part of what the run writes, of results or of compiled code; the limit of
-memory is one of address space (`ulimit -v`), drawn between next to nothing and 400 MiB beyond what the process has at
-its start. The moment of a kill is drawn uniformly from the length of a run. The clock is the one that the program
-reads; the machine's own stays as it is.
+memory is one of address space (`ulimit -v`): in half of the cases from the start of a new process, 64 MiB to 2 GiB,
+where the program must say itself what it lacks; in the others up to 400 MiB beyond what a process has that skips this
+question and has loaded its libraries. The moment of a kill is drawn uniformly from the length of a run. The clock is
+the one that the program reads; the machine's own stays as it is.
 
 {wrong}
 """

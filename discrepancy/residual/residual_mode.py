@@ -14,7 +14,7 @@ import numpy as np
 from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.free_rotations import free_rotations
-from discrepancy.residual.initial_state import StateEstimate, estimate_states
+from discrepancy.residual.initial_state import DIVERGED_ERROR, StateEstimate, estimate_states
 from discrepancy.residual.input_noise import reduce_input_noise
 from discrepancy.residual.inverse import inverse_problem
 from discrepancy.residual.prepared_problem import PreparedProblem
@@ -38,10 +38,6 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
 
 __all__ = ["prepared_problem", "problem_in_windows"]
-
-DIVERGED_ERROR = 0.01 * DIVERGENCE_FACTOR
-"""Error of a calibrated simulation, over an output's spread, from which it counts as diverged from its records.
-A scan, which is linear in the error, then says nothing about it."""
 
 
 def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent) -> PreparedProblem:
@@ -260,6 +256,11 @@ def _does_not_diverge(growth: ErrorGrowth) -> str:
     most = float(np.max(growth.start))
     if most < 1.5:
         effect = "an error of the initial state does not grow"
+    elif most > DIVERGENCE_FACTOR:
+        effect = (
+            f"a 1 % error of the initial state changes an output by {most:.2g} % of its spread for a while, and has "
+            "died out by the middle of the record"
+        )
     else:
         effect = f"a 1 % error of the initial state changes no output by more than {most:.2g} % of its spread"
     return f"over {growth.time[-1]:.3g} s {effect}: simulations do not diverge, so whole records are simulated"
@@ -269,7 +270,7 @@ def _diverges(growth: ErrorGrowth) -> str:
     """Say which error grows, how far, and within which time."""
     if not np.isfinite(growth.within):
         return f"whole records could be simulated (errors grow by less than a factor of {DIVERGENCE_FACTOR:.0f})"
-    if np.any(growth.start > DIVERGENCE_FACTOR):
+    if np.any(growth.start > DIVERGENCE_FACTOR) and not growth.is_forgotten:
         levels = (10.0 * DIVERGENCE_FACTOR, DIVERGENCE_FACTOR)
         most = next((f for f in levels if np.any(growth.start > f)), DIVERGENCE_FACTOR)
         when = float(growth.time[np.argmax(growth.start > most)])

@@ -6,7 +6,7 @@ import zlib
 from pathlib import Path
 
 from estimation.files.faults import RecordError
-from multibody.base.memory import machine_memory
+from multibody.base.memory_of_process import machine_memory
 
 __all__ = ["check_size", "unpacked_gzip"]
 

@@ -24,7 +24,7 @@ from estimation.files.record_checks import (
     grid_deviation,
 )
 from estimation.files.table import FileTable
-from multibody.base.memory import machine_memory
+from multibody.base.memory_of_process import machine_memory
 from multibody.base.quantity_text import count_text
 from multibody.base.units import UnitError
 

@@ -7,43 +7,25 @@ import os
 import tempfile
 import threading
 import weakref
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-__all__ = ["ArrayStore", "MemoryLimitError", "machine_memory", "memory_limit", "scratch_folder"]
+from multibody.base.memory_of_process import machine_memory
+
+__all__ = ["ArrayStore", "MemoryLimitError", "memory_limit", "scratch_folder"]
 
 #: Share of the machine's memory that may be used where nothing is said: others work on it too.
 SHARE = 0.5
 #: Share of the limit that kept arrays may take; the rest is for what is worked on, and for the program itself.
 KEPT = 0.5
-
 _lock = threading.Lock()
 _held = 0  # bytes of all stores that are in memory
 
 
 class MemoryLimitError(ValueError):
     """A limit of memory that is no number of gigabytes."""
-
-
-def machine_memory() -> float:
-    """Return how many bytes this process could have: those of the machine, or of a container or a resource limit."""
-    try:
-        found = [float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))]
-    except (AttributeError, ValueError, OSError):  # not everywhere told
-        found = [8.0 * 2**30]
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        pass
-    else:
-        limits = (resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
-        found += [float(limit) for limit in limits if limit != resource.RLIM_INFINITY]
-    with suppress(OSError, ValueError):  # no container, or one without a limit ("max")
-        found.append(float(Path("/sys/fs/cgroup/memory.max").read_text(encoding="ascii")))
-    return min(found)
 
 
 def memory_limit() -> float:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-__all__ = ["address_space_limit", "memory_used_up"]
+from multibody.base.memory_of_process import address_space_limit
+
+__all__ = ["memory_used_up"]
 
 #: Bytes below a limited address space from which on it counts as used up: libraries ask for pieces of up to this size.
 MARGIN = 256 << 20
@@ -32,16 +34,6 @@ def memory_used_up(error: BaseException) -> bool:
     except MemoryError:  # not even for asking
         return True
     return peak > limit - MARGIN
-
-
-def address_space_limit() -> int | None:
-    """Return the limit of this process's address space in bytes (``ulimit -v``), or None where there is none."""
-    try:
-        import resource
-    except ImportError:
-        return None
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def _says_so(error: BaseException | None) -> bool:

@@ -64,7 +64,10 @@ class UnitError(ValueError):
 def _registry() -> Any:
     import pint
 
-    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    try:
+        registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    except Exception as error:  # pint says of any, also of a lack of memory, that its definitions are wrong
+        raise RuntimeError(f"the definitions of units cannot be read ({error}): install pint again") from error
     if "percent" not in registry:  # newer versions of pint know it
         registry.define("percent = 0.01 = %")
     return registry
@@ -79,8 +82,11 @@ def _unit(text: str) -> Any:
     if len(cleaned) > LONGEST_UNIT or _COSTLY.search(cleaned):
         shown = text if len(text) <= LONGEST_UNIT else f"{text[:LONGEST_UNIT]}…"
         raise UnitError(f"unknown unit '{shown}': write it as in {example}")
+    registry = _registry()
     try:
-        return _registry().parse_units(cleaned)
+        return registry.parse_units(cleaned)
+    except MemoryError:
+        raise
     except Exception as error:
         raise UnitError(f"unknown unit '{text}': write it as in {example}") from error
 

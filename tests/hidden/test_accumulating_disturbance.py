@@ -86,7 +86,7 @@ def drive(rng: np.random.Generator, unbalance: float = 0.0) -> dict[str, np.ndar
     }
 
 
-OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 13) if seed not in (1, 5)]
+OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 13) if seed != 1]
 
 
 def searched(by):
@@ -95,7 +95,7 @@ def searched(by):
 
 
 @pytest.mark.parametrize("by", ["significance", "evidence"])
-@pytest.mark.parametrize("seed", [1, 5, *OFTEN])
+@pytest.mark.parametrize("seed", [1, *OFTEN])
 def test_an_accumulating_disturbance_is_no_missing_effect(tmp_path, seed, by):
     """Before the disturbance was estimated, the search named an effect in six of these twelve, 1 and 5 among them."""
     diagnosis = diagnosed(tmp_path, MODELS, drive, searched(by), seed=seed)

@@ -32,7 +32,7 @@ def test_nothing_hidden_nothing_named(seed):
 @pytest.mark.parametrize(
     ("hidden", "seed"),
     [
-        ("coulomb_friction@guide", 1),
+        pytest.param("coulomb_friction@guide", 1, marks=pytest.mark.slow),  # the two effects below have it, too
         ("local_bump@guide", 6),
         ("constant_force@guide", 9),
         ("input_delay@reference.position", 8),

@@ -114,6 +114,7 @@ def test_a_buffer_that_a_table_meets_is_found(tmp_path):
     assert diagnosis["explained"] > 0.99
 
 
+@pytest.mark.slow
 def test_play_between_two_rotors_is_found(tmp_path):
     diagnosis = diagnosed(tmp_path, MODELS, drive, DRIVE + RECORDS, seed=11)
     first = diagnosis["effects"][0]

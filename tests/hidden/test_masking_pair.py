@@ -61,6 +61,7 @@ def test_the_conclusion_says_that_they_mask_each_other(study):
     assert not any("do not trust it" in w for w in diagnosis["warnings"])
 
 
+@pytest.mark.slow
 def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
     """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
     from discrepancy.search import moves
@@ -71,6 +72,7 @@ def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
 
 
+@pytest.mark.slow
 def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem, interrupter, tmp_path):
     from discrepancy.study.history import restore, save_history
 
@@ -115,6 +117,7 @@ def test_without_room_for_two_no_pair_is_proposed(problem):
     assert one.explain().first is None
 
 
+@pytest.mark.slow
 def test_pairs_of_the_suite_cancel_as_far_as_they_can():
     from discrepancy.effects.kinds import kind_named
     from discrepancy.validation.masking_cases import masking_pair

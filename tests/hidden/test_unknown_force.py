@@ -72,7 +72,7 @@ def test_what_is_left_follows_the_inputs_only_where_something_is_missing(found):
     assert not omnibus_of_stage(Study(axis_case(7, trips=4).problem(seed=1)).stage, level=0.02).rejects
 
 
-@pytest.mark.parametrize(("seed", "over"), [(8015, "time"), (8013, "position")])
+@pytest.mark.parametrize(("seed", "over"), [(8015, "time"), pytest.param(8013, "position", marks=pytest.mark.slow)])
 def test_a_curve_takes_the_place_of_names_that_only_resemble_it(seed, over):
     """A slow force was taken for a drift of the torque sensor, a step over position for three waves."""
     problem = axis_case(seed, ["unknown_force@guide"], over=over).problem(seed=seed)

@@ -13,12 +13,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from multibody.base.out_of_memory import address_space_limit, memory_used_up
+from multibody.base.memory_of_process import address_space_limit
+from multibody.base.out_of_memory import memory_used_up
 from multibody.base.stopping import Stopped, stoppable
 from multibody.base.terminal_text import printable
 from vtsdt.cli.arguments import CommandError, memory_limit, time_limit
 from vtsdt.cli.commands import COMMANDS, Command, parser
 from vtsdt.cli.completion import asked_for, complete
+from vtsdt.cli.least_memory import LEAST_ADDRESS_SPACE, reserve_nothing
 
 __all__ = ["BAD_INPUT", "main"]
 
@@ -45,9 +47,6 @@ BAD_INPUT = {
 
 #: Characters of a line and lines of a message that are printed; chosen: a screen or two.
 LONGEST_LINE, MOST_LINES = 2000, 60
-#: Address space that the diagnosis of a study with one record of 200 rows takes, most of it of libraries: 2.1 GiB
-#: (Python 3.11, Linux, one thread for linear algebra).
-SMALLEST_ADDRESS_SPACE = 2.1
 #: Said where there is no memory left to put a message together.
 NO_MEMORY_LEFT = "vtsdt: the memory that this process may have is used up: give it more; earlier results are kept\n"
 
@@ -105,7 +104,7 @@ def _message(error: BaseException) -> str:
             if limit is None
             else (
                 f"; its address space is limited to {limit / 2**30:.3g} GiB (ulimit -v), "
-                f"and the smallest diagnosis takes about {SMALLEST_ADDRESS_SPACE:g} GiB"
+                f"and the smallest diagnosis takes about {LEAST_ADDRESS_SPACE / 2**30:.3g} GiB"
             )
         )
         return (
@@ -158,6 +157,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = "--debug" in words
     words = [w for w in words if w != "--debug"]
     _one_thread_for_linear_algebra()
+    reserve_nothing()
     try:
         words, seconds = time_limit(words)
         words, gigabytes = memory_limit(words)
@@ -177,7 +177,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except Exception as error:
         if not debug:
-            error.__traceback__ = None  # frees what the command held: a lack of memory can then be told
+            error.__traceback__ = None  # frees what the command held: a lack of memory can then be reported
         try:
             return _explained(error, debug)
         except MemoryError:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from vtsdt.cli.arguments import CommandError, Parser, check_out, whole
+from vtsdt.cli.least_memory import check_memory
 
 if TYPE_CHECKING:
     from discrepancy.workbench.command import View
@@ -38,6 +39,7 @@ def main(arguments: Sequence[str]) -> int:
     args = parser.parse_args(list(arguments))
     if args.out is not None:
         check_out(args.out)
+    check_memory()
     from discrepancy.workbench.command import serve, serve_result
 
     if args.lift is None and args.gear is None:
