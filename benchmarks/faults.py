@@ -1,6 +1,7 @@
 """Faults from outside while a diagnosis runs: kills, full disks, memory limits, two processes, clock jumps; the page.
 
-``python benchmarks/faults.py [--only "killed,disk full"] [--count N] [--seed N] [--keep FILE] [--page docs/benchmarks/faults.md]``
+``python benchmarks/faults.py [--only "killed,disk full"] [--count N] [--seed N] [--keep FILE]
+[--page docs/benchmarks/faults.md]``
 """
 
 from __future__ import annotations
