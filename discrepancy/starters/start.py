@@ -159,7 +159,7 @@ def start_study(
     machine : str, optional
         A key of `discrepancy.starters.kinds.KINDS`.
     fmu : str or Path, optional
-        In its place: an FMU for Model Exchange.
+        In its place: an FMU.
     columns : mapping of str to str, optional
         Columns of model inputs and outputs, where names and units do not tell.
     time : str, optional

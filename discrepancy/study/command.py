@@ -81,11 +81,11 @@ def _checked(problem: Problem, args: Namespace) -> Problem:
     """Return the problem with what `check` says of it among its warnings, and print that: it costs a simulation."""
     args.progress("whether model and records fit each other")
     found = check_problem(problem, excitation=False)
-    told = [text for text in (*found.faults, *found.warnings) if text not in problem.warnings]
+    noted = [text for text in (*found.faults, *found.warnings) if text not in problem.warnings]
     if not args.quiet:
-        for text in told:
+        for text in noted:
             print(f"vtsdt: {printable(text)}", file=sys.stderr)
-    return replace(problem, warnings=(*problem.warnings, *told))
+    return replace(problem, warnings=(*problem.warnings, *noted))
 
 
 def check(args: Namespace) -> int:
