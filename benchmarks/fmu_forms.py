@@ -45,7 +45,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Beside:
-    """Values of states and outputs by the system and by its unit, and how long both took, s."""
+    """Values of states and outputs by the system and by its unit, and the processor time of both, s."""
 
     true: np.ndarray
     found: np.ndarray
@@ -64,25 +64,33 @@ def deviations(runs: Beside) -> dict[str, float]:
     return dict(zip(runs.names, map(float, away / np.maximum(np.ptp(runs.true, axis=0), least)), strict=True))
 
 
-def beside(system: Any, path: Path, form: str, case: Case, tolerances: tuple[float, float] = TIGHT) -> Beside:
-    """Simulate a system, and its unit in one form."""
+def beside(
+    system: Any,
+    path: Path,
+    form: str,
+    case: Case,
+    tolerances: tuple[float, float] = TIGHT,
+    of_unit: tuple[float, float] | None = None,
+) -> Beside:
+    """Simulate a system, and its unit in one form, with the same tolerances or with others."""
     described = fmpy.read_model_description(str(path))
     held = described.fmiVersion.startswith("3") and form == "CoSimulation"
     names = tuple(v.name for v in described.modelVariables if v.causality == "output" or v.name in system.state_names)
     rtol, atol = tolerances
     options = {"interpolation": "hold" if held else "linear", "rtol": rtol, "atol": atol}
-    begun = time.perf_counter()
+    begun = time.process_time()
     run = system.simulate(case.until, step=case.step, initial=case.initial, inputs=case.inputs, **options)
     true = np.column_stack([run[n] for n in names])
-    native_time = time.perf_counter() - begun
-    described, fmu = opened(path, form, rtol)
+    native_time = time.process_time() - begun
+    tolerances = of_unit or tolerances
+    described, fmu = opened(path, form, tolerances[0])
     of = {v.name: v.valueReference for v in described.modelVariables}
     loop = _stepped if form == "CoSimulation" else _integrated
-    begun = time.perf_counter()
+    begun = time.process_time()
     found = loop(
         fmu, described, [of[n] for n in names], [of[n] for n in system.state_names], run.times, case, tolerances
     )
-    unit_time = time.perf_counter() - begun
+    unit_time = time.process_time() - begun
     fmu.terminate()
     fmu.freeInstance()
     return Beside(true=true, found=found, names=names, native_time=native_time, unit_time=unit_time)

@@ -13,6 +13,7 @@ from discrepancy.conclusion.sentences import (
     check_sentence,
     curve_statement,
     manual_checks,
+    outputs_far_above_noise,
     poor_fit_note,
     probability_sentence,
     title_of,
@@ -22,7 +23,7 @@ from discrepancy.conclusion.sentences import (
 from discrepancy.effects.effect import unit_at
 from discrepancy.evidence.checks import Check, checks_by_output, predictive_checks
 from discrepancy.evidence.posterior import Posterior, posterior
-from discrepancy.evidence.random_forces import RandomForces, random_forces_of
+from discrepancy.evidence.random_forces import RandomForces, random_forces_of, slow_force_sentence
 from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.evidence.uneven_forces import UnevenForce, uneven_random_forces
 from discrepancy.questions.next_measurement import next_measurements
@@ -76,7 +77,10 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
     elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
         verdict = "partly explained"
-    if by_evidence is not None and not accepted and (failed or uneven or poor_fit_note(last, verdict)):
+    likelihood = by_evidence.likelihood if by_evidence is not None else None
+    forces = random_forces_of(likelihood) if likelihood is not None else None
+    slow = _slow_force(forces, last) if not accepted else ""
+    if by_evidence is not None and not accepted and (failed or uneven or slow or poor_fit_note(last, verdict)):
         # what the noise model takes for a random force is too large to be left without a word
         verdict = "unknown effect"
         described = state.if_simulated("where the missing force acts", lambda: _force_that_follows_inputs(state))
@@ -86,10 +90,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     trips = state.if_simulated("what to measure next", lambda: next_measurements(state)) or ()
     noisy = state.prepared.noisy if state.prepared is not None else ()
     feedback = _inputs_with_feedback(state)
-    disturbance: DisturbanceForce | RandomForces | None = last.disturbance
-    likelihood = by_evidence.likelihood if by_evidence is not None else None
-    if likelihood is not None:
-        disturbance = random_forces_of(likelihood)
+    disturbance: DisturbanceForce | RandomForces | None = forces or last.disturbance
     trends = state.if_simulated("whether parameters change along the records", lambda: _trends(state)) or ()
     warnings = [
         *problem.warnings,
@@ -113,6 +114,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
     sentences += [u.sentence for u in uneven]
+    sentences += [slow] if slow else []
     sentences += [check_sentence(failed)] if failed else []
     probabilities = _probabilities(by_evidence, verdict)
     sentences += [probability_sentence(probabilities)] if probabilities is not None else []
@@ -172,6 +174,12 @@ def _force_that_follows_inputs(state: SearchState) -> tuple[UnknownCurve, Unknow
     problem = state.problem
     state.omnibus = omnibus_of_stage(state.stages[-1], level=problem.level / LEVEL_SHARES, seed=problem.seed)
     return find_unidentified_force(state)
+
+
+def _slow_force(forces: RandomForces | None, stage: Stage) -> str:
+    """Return a sentence on random forces slower than the records that a large error is put down to, if it is."""
+    large = outputs_far_above_noise(stage)
+    return slow_force_sentence(forces, large[0]) if forces is not None and forces.slower_than_records and large else ""
 
 
 def _checks(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Check, ...]:

@@ -24,6 +24,7 @@ __all__ = [
     "check_sentence",
     "curve_statement",
     "manual_checks",
+    "outputs_far_above_noise",
     "percent_words",
     "poor_fit_note",
     "probability_sentence",
@@ -281,13 +282,18 @@ def curve_statement(accepted: AcceptedEffect) -> str:
     return f"The missing force at {where} is best described as {over}; no law of the catalogue fits as well.{alias}"
 
 
+def outputs_far_above_noise(stage: Stage) -> list[str]:
+    """Return the outputs whose error is a multiple of their noise that nobody would take for noise, largest first."""
+    ratios = {n: e / max(stage.noise.get(n, 0.0), 1e-300) for n, e in stage.rmse("identify").items()}
+    return sorted((n for n, r in ratios.items() if r > LARGE_OVER_NOISE), key=lambda n: -ratios[n])
+
+
 def poor_fit_note(stage: Stage, verdict: str) -> str:
     """Return a sentence, with a space before it, that a model does not follow its records, if it does not."""
-    error, shares = stage.rmse("identify"), {}
+    error, shares, large = stage.rmse("identify"), {}, outputs_far_above_noise(stage)
     for c, name in enumerate(stage.outputs):
         spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in stage.identify.fits])))
-        large = error[name] > LARGE_OVER_NOISE * stage.noise.get(name, 0.0)
-        if 0.0 < LARGE_OVER_SPREAD * spread < error[name] and large:
+        if 0.0 < LARGE_OVER_SPREAD * spread < error[name] and name in large:
             shares[name] = error[name] / spread
     if not shares:
         return ""

@@ -14,7 +14,7 @@ from multibody.base.thinning import extreme_rows_of
 if TYPE_CHECKING:
     from discrepancy.drawing.comparison_figure import ComparedSignal
 
-__all__ = ["zoom_figure"]
+__all__ = ["MOST", "zoom_figure"]
 
 MOST = 1200  # rows of each line: two in a column of pixels on a wide screen
 

@@ -181,7 +181,7 @@ def register(kind: Kind, law: type[Component] | None = None) -> Kind:
 
 @lru_cache(maxsize=1)
 def _load_offered() -> None:
-    """Import what installed packages offer as effects, which registers them; one that fails is told and left out."""
+    """Import what installed packages offer as effects, which registers them; what fails is reported and left out."""
     for module in offered_modules(EFFECTS_GROUP):
         try:
             importlib.import_module(module)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
-from discrepancy.statistics.blocks import Candidate, Weighting
+from discrepancy.statistics.blocks import Candidate, Sensitivities, Weighting
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.scan_result import ScanResult
 from discrepancy.statistics.thresholds import LEVEL_SHARES
@@ -214,35 +215,35 @@ def propose(
     raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {count_text(len(raw), 'candidate')}")
     residual, sens = problem.residual(), problem.sensitivities()
-    white = _whitened(raw, problem.weighting)
-    scored = _scored(problem, white)
+    noise = noise_floor(plain)
+    scoring = _Scoring.of(problem, raw, noise)
     result = scan(
         residual,
         sens,
-        white,
+        scoring.white,
         level=level / LEVEL_SHARES,
         seed=seed,
         noise_floor=[stage.noise[c] for c in residual.channels],
         whiten=False,
-        plain=scored,
+        plain=scoring.scored,
     )
-    noise = noise_floor(plain)
     likeness = parameter_likeness(sens)
-    owned = same_law | _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
-    alike = likeness.alike(stage.effects, white, POLICY.same_direction)
+    alike = likeness.alike(stage.effects, scoring.white, POLICY.same_direction)
+    scorings = [scoring]
+    if scoring.ranked and np.any(scoring.ranked[0].expected_strength):
+        leading = scoring.ranked[0]
+        progress(f"the noise that is left beside {leading.name}")
+        beside = plain.weighted_by(_noise_beside(likelihood, leading).weighting())
+        scorings.append(_Scoring.of(beside, raw, noise))
+    owned = same_law | _owned(scorings, likeness)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
-    best = [c for c in _by_evidence(scored, raw, noise) if c.name not in owned]
-    if best:
-        progress(f"the noise that is left beside {best[0].name}")
-        beside = plain.weighted_by(_noise_beside(likelihood, best[0]).weighting())
-        again = {c.name: c for c in _by_evidence(_scored(beside, _whitened(raw, beside.weighting)), raw, noise)}
-        merged = [max(c, again.get(c.name, c), key=lambda x: x.gain) for c in best]
-        merged += [c for n, c in again.items() if n not in {b.name for b in best} and n not in owned]
-        # the direction decides what is alike: one metric for all
-        best = sorted((again.get(c.name, c) for c in merged), key=lambda c: -c.gain)
+    best = {c.name: c for c in scorings[0].ranked if c.name not in owned}
+    again = {c.name: c for c in scorings[-1].ranked if c.name not in owned}
+    # the direction decides what is alike: one metric for all
+    candidates = sorted((best | again).values(), key=lambda c: -c.gain)
     return Proposals(
-        scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
+        scan=result, candidates=tuple(candidates), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
     )
 
 
@@ -257,18 +258,64 @@ def _parameter_of_same_law(entry: Entry, fitted: Sequence[str]) -> str:
     return next((name for name in own if name in fitted), "")
 
 
-def _owned(
-    scored: Sequence[ScoredCandidate],
-    raw: Sequence[Candidate],
-    white: Sequence[Candidate],
-    likeness: ParameterLikeness,
-) -> dict[str, str]:
-    """Return the candidates that an uncertain parameter of the model stands for, and that parameter."""
-    innovations = {c.name: w for c, w in zip(raw, white, strict=True)}
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Scoring:
+    """The candidates scored under one noise model.
+
+    Parameters
+    ----------
+    problem : LinearisedProblem
+        Weighted by that noise.
+    raw, white : sequence of Candidate
+        As changes of the outputs, and of the innovations.
+    noise : ndarray, shape (n_channels,)
+        Of the sensors, SI.
+    scored : WhitenedProblem
+    """
+
+    problem: LinearisedProblem
+    raw: Sequence[Candidate]
+    white: Sequence[Candidate]
+    noise: np.ndarray
+    scored: WhitenedProblem
+
+    @classmethod
+    def of(cls, problem: LinearisedProblem, raw: Sequence[Candidate], noise: np.ndarray) -> _Scoring:
+        """Score candidates, given as changes of the outputs."""
+        white = _whitened(raw, problem.weighting)
+        scored = _scored(problem, problem.sensitivities(), white)
+        return cls(problem=problem, raw=raw, white=white, noise=noise, scored=scored)
+
+    @cached_property
+    def ranked(self) -> list[ScoredCandidate]:
+        """The candidates at their best shapes, best first."""
+        return _by_evidence(self.scored, self.raw, self.noise)
+
+    def gain_beside(self, name: str, parameter: str) -> float:
+        """Return by how much the log evidence rises with a candidate where a parameter is fitted without its prior."""
+        k = next(k for k, c in enumerate(self.raw) if c.name == name)
+        sens = self.problem.sensitivities()
+        free = replace(sens, prior_std=np.where(np.array(sens.names) == parameter, np.inf, sens.prior_std))
+        ranked = _by_evidence(_scored(self.problem, free, self.white[k : k + 1]), self.raw[k : k + 1], self.noise)
+        return ranked[0].gain if ranked else -math.inf
+
+
+def _owned(scorings: Sequence[_Scoring], likeness: ParameterLikeness) -> dict[str, str]:
+    """Return the candidates that an uncertain parameter of the model stands for, and that parameter.
+
+    It stands for a candidate that changes the same, and that pays for its name in no scoring once the parameter is free
+    to leave its stated value.  What a candidate gains then, it gains by what it changes otherwise than the parameter:
+    radiation is nearly proportional to a temperature, as a loss through the wall is, and yet good records tell them
+    apart.
+    """
+    first = scorings[0]
+    white = {c.name: c for c in first.white}
+    price = math.log(max(len(first.ranked), 1))
     owned = {}
-    for c in scored:
-        columns = innovations[c.name].sensitivities[c.candidate.shapes.index(c.shape)]
-        if name := likeness.owner([z @ c.expected_strength for z in columns]):
+    for c in first.ranked:
+        columns = white[c.name].sensitivities[c.candidate.shapes.index(c.shape)]
+        name = likeness.owner([z @ c.expected_strength for z in columns])
+        if name and all(s.gain_beside(c.name, name) <= price for s in scorings):
             owned[c.name] = name
     return owned
 
@@ -280,15 +327,15 @@ def _whitened(candidates: Sequence[Candidate], weighting: Sequence[Weighting]) -
     return [replace(c, sensitivities=tuple(of(blocks) for blocks in c.sensitivities)) for c in candidates]
 
 
-def _scored(problem: LinearisedProblem, white: Sequence[Candidate]) -> WhitenedProblem:
+def _scored(problem: LinearisedProblem, sens: Sensitivities, white: Sequence[Candidate]) -> WhitenedProblem:
     """Return candidates in innovations, whose variance is one by construction."""
     residual = problem.residual()
     unit = identity([1.0] * len(residual.channels), residual.channels, residual.dt)
-    return whiten_all(unit, residual, problem.sensitivities(), white)
+    return whiten_all(unit, residual, sens, white)
 
 
 def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray) -> list[ScoredCandidate]:
-    """Return every candidate at its best shape, ordered by linear evidence."""
+    """Return every candidate at its best shape, ordered by linear evidence; last those that would act the other way."""
     if w.scorer is None:
         return []
     scores = w.scorer(w.e[:, None])
@@ -302,6 +349,8 @@ def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray
         gain = 0.5 * float(amplitude @ amplitude) + log_prior_of_strengths(strength, scale, candidate.one_sided)
         gain += 0.5 * k * math.log(2.0 * math.pi) + 0.5 * float(np.linalg.slogdet(covariance)[1])
         gain -= math.log(len(candidate.shapes))
+        if not np.any(strength):  # of one sign only, and the residual asks for the other
+            gain = -math.inf
         if group.candidate not in best or gain > best[group.candidate][0]:
             best[group.candidate] = gain, g, strength
     out = [

@@ -9,7 +9,7 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.innovations.noise_model import Process
 from multibody.base.quantity_text import quantity_text
 
-__all__ = ["RandomForces", "random_forces_of"]
+__all__ = ["RandomForces", "random_forces_of", "slow_force_sentence"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +22,22 @@ class RandomForces:
         The latent processes, each with its unit.
     noise : dict of str to float
         Standard deviation of the white noise of each output, SI, in the means that the fit used.
+    duration : float, s
+        Of the longest record.
     """
 
     processes: tuple[tuple[Process, str], ...]
     noise: dict[str, float]
+    duration: float
+
+    @property
+    def slower_than_records(self) -> tuple[tuple[Process, str], ...]:
+        """The forces that remember longer than the longest record lasts.
+
+        Chance shows by repetition.  A force of which the records hold less than one memory is drawn once, and may as
+        well be what the model lacks.
+        """
+        return tuple((q, unit) for q, unit in self.processes if q.channel < 0 and q.memory > self.duration)
 
     @property
     def sentence(self) -> str:
@@ -59,12 +71,21 @@ class RandomForces:
         }
 
 
-def _where_and_how_large(process: Process, unit: str) -> str:
+def slow_force_sentence(forces: RandomForces, output: str) -> str:
+    """Return what to think of random forces that are slower than the records and that an output cannot do without."""
+    parts = [_where_and_how_large(q, unit, "") for q, unit in forces.slower_than_records]
+    return (
+        f"Without {' and '.join(parts)} the model does not follow {output}. What changes more slowly than the records "
+        "last, they cannot show to be chance."
+    )
+
+
+def _where_and_how_large(process: Process, unit: str, random: str = "random ") -> str:
     size = quantity_text(process.std, unit, 2)
     if process.channel >= 0:
         return f"a slow error of {size} in {process.where}"
     what = {"N": "force", "N*m": "torque"}.get(unit, "change")
-    text = f"a random {what} of {size} at {process.where}"
+    text = f"a {random}{what} of {size} at {process.where}"
     return f"{text} while it stands still" if process.at_standstill else text
 
 
@@ -83,4 +104,5 @@ def random_forces_of(likelihood: StageLikelihood) -> RandomForces:
         return stage.system.unit(where)
 
     kept = tuple((q, unit_of(q.where)) for q in model.processes if q.std > 1e-6 * max(p.std for p in model.processes))
-    return RandomForces(processes=kept, noise=dict(zip(stage.outputs, model.noise, strict=True)))
+    duration = max(float(r.time[-1] - r.time[0]) for r in likelihood.noise.records)
+    return RandomForces(processes=kept, noise=dict(zip(stage.outputs, model.noise, strict=True)), duration=duration)

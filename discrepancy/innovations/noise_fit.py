@@ -43,7 +43,7 @@ SCREENING_ROWS = 1500
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
 LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
-CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what two models are told apart by
+CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what decides between two models
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

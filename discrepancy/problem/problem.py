@@ -21,6 +21,7 @@ from estimation.signals.preparation import Preparation, SignalError
 from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
+    from discrepancy.problem.tables import StudyTable
     from multibody.machine.model import Model, System
 
 __all__ = ["Problem", "make_experiments", "noise_floors", "read_model", "read_problem"]
@@ -193,6 +194,8 @@ def read_problem(
                 'evidence does not know yet: use search = "significance", or resample in [records]'
             ]
         )
+    if model.stepped_part and (asked := _not_of_stepped_units(study.study)):
+        raise StudyError([f"{study.path.name}, {text}" for text in asked])
     if faults := [fault for e in (*identify, *validate) if (fault := _too_short(e))]:
         raise StudyError([f"{study.path.name}, {text}" for text in faults])
     of_records = dict.fromkeys(w for r in (*records.identify, *records.validate) for w in r.warnings)
@@ -214,6 +217,20 @@ def read_problem(
         inputs=study.study.inputs,
         search=study.study.search,
     )
+
+
+def _not_of_stepped_units(study: StudyTable) -> list[str]:
+    """Return what a study asks for that a unit that is stepped cannot answer."""
+    asked = []
+    if study.search == "evidence":
+        asked.append(('search = "evidence"', 'search = "significance"'))
+    if study.residual in ("prediction", "inverse"):
+        asked.append((f'residual = "{study.residual}"', 'residual = "simulation"'))
+    return [
+        f"[study] {given}: the FMU is stepped (Co-Simulation) and shows neither states nor rates: use {remedy}, or "
+        "export it for Model Exchange"
+        for given, remedy in asked
+    ]
 
 
 def _fitted_starts(study: StudyFile, system: System) -> tuple[str, ...]:

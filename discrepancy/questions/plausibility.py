@@ -162,7 +162,7 @@ def _start(e: Experiment, system: System, p: np.ndarray, response: Response, not
     x0, rest = e.start_vector(system), resting.start_vector(system)
     moved = {n: abs(float((rest - x0)[system.index("state", n)])) for n in places}
     most = sorted((n for n in places if moved[n] > 0.01 * max(moved.values())), key=lambda n: -moved[n])[:3]
-    told = ", ".join(
+    given = ", ".join(
         f"'{n}' at {rest[k]:.6g} {system.unit(n)} in place of {x0[k]:.6g}"
         for n in most
         if (k := system.index("state", n)) >= 0
@@ -172,7 +172,7 @@ def _start(e: Experiment, system: System, p: np.ndarray, response: Response, not
     say = ", ".join(f'"{n}" = "equilibrium"' for n in most)
     notes.warnings.append(
         f"record '{e.name}' seems to start at rest, and its start values are elsewhere (a slack rope, a spring far "
-        f"from its load): with {told}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in "
+        f"from its load): with {given}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in "
         f"[initial] say {say}, or give expressions of what was measured, or numbers for each record"
     )
 
@@ -279,8 +279,11 @@ def _excitation(problem: Problem, responses: Sequence[Response], notes: _Notes) 
         known = q.std if np.isfinite(q.std) else abs(q.value)
         if not felt or std > NARROWED * known > 0.0:
             notes.warnings.append(
-                f"parameter '{q.name}': these records cannot show it (at best ±{std:.2g} {q.unit}, known before to "
-                f"±{known:.2g}): take it out of [uncertain], or record a motion that it changes"
+                f"parameter '{q.name}': these records cannot show it (to ±{std:.2g} {q.unit} at best; it was known "
+                f"to ±{known:.2g} before): take it out of [uncertain], or record a motion that it changes"
             )
         else:
-            notes.facts.append(f"parameter '{q.name}': at best ±{std:.2g} {q.unit} from sensor noise alone")
+            notes.facts.append(
+                f"parameter '{q.name}': these records can show it to ±{std:.2g} {q.unit}, if the sensors' noise is "
+                "the only disturbance"
+            )

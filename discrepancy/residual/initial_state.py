@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,11 @@ from multibody.system.simulate import simulate
 if TYPE_CHECKING:
     from multibody.machine.model import System
 
-__all__ = ["StateEstimate", "estimate_states"]
+__all__ = ["DIVERGED_ERROR", "StateEstimate", "estimate_states"]
+
+DIVERGED_ERROR = 0.3
+"""Error of a simulation, over an output's spread, from which it counts as diverged from its records.
+A scan, which is linear in the error, then says nothing about it."""
 
 _POSITIONS = ("m", "rad")
 _ROUNDS = 4
@@ -25,7 +30,7 @@ _LEAN = 1e-3  # weight of the simulated state, relative to one reading of the be
 
 @dataclass(frozen=True, eq=False)
 class StateEstimate:
-    """States along a record: simulated in pieces, each begun at the state that the sensors show.
+    """States along a record: simulated, and led back to what the sensors show where the simulation departs from it.
 
     Parameters
     ----------
@@ -52,7 +57,7 @@ class StateEstimate:
         """Its parameter vector."""
         return self.reading.p
 
-    @property
+    @cached_property
     def input_noise(self) -> list[float]:
         """Noise of each recorded input, SI."""
         return [float(noise_floor(self.experiment.record.signals[n].values).std) for n in self.experiment.inputs]
@@ -160,7 +165,12 @@ class SensorReading:
 
 
 def estimate_states(experiment: Experiment, system: System, p: np.ndarray, pieces: int = 64) -> StateEstimate:
-    """Return the states along a record: each piece is simulated from the state that the sensors show at its beginning.
+    """Return the states along a record: simulated, and led back to the sensors where the simulation departs from them.
+
+    The simulation goes on from piece to piece.  Where it departs from an output by more than `DIVERGED_ERROR` of its
+    spread, the piece is simulated anew from the state that the sensors show at its beginning, and that is taken if it
+    follows the outputs better: states that no sensor sees are not corrected without need, since a model with a missing
+    effect would otherwise be led ever farther astray by its own errors.
 
     Parameters
     ----------
@@ -173,29 +183,43 @@ def estimate_states(experiment: Experiment, system: System, p: np.ndarray, piece
         Number of pieces, where each has ten samples at least.
     """
     reading = SensorReading.of(experiment, system, p)
-    time = np.array(experiment.record.time)
-    n = time.size
+    n = len(experiment.record.time)
     step = max(10, -(-n // pieces))
     states = np.empty((n, len(system.states)))
-    prior = experiment.start_vector(system)
+    start = experiment.start_vector(system)
     for first in range(0, n, step):
-        x = reading.state(first, prior)
         last = min(first + step, n - 1)
-        states[first : last + 1] = x
-        if last == first:
-            break
-        try:
-            run = simulate(
-                system,
-                (float(time[first]), float(time[last])),
-                inputs=experiment.table(system),
-                parameters=p,
-                initial=x,
-                times=time[first : last + 1],
-                rtol=1e-5,
-            )
-            states[first : last + 1] = run.states
-        except SimulationError:
-            pass  # the piece keeps its beginning; the sensors correct the next one
-        prior = states[last]
+        piece, error = _simulated_piece(reading, first, last, start)
+        if error > DIVERGED_ERROR:
+            shown = _simulated_piece(reading, first, last, reading.state(first, start))
+            piece = shown[0] if shown[1] < error else piece
+        states[first : last + 1] = piece
+        start = states[last]
     return StateEstimate(states, reading)
+
+
+def _simulated_piece(reading: SensorReading, first: int, last: int, start: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the states from sample to sample, and the largest error of an output over its spread in the record.
+
+    A piece that cannot be simulated keeps its beginning, with an infinite error.
+    """
+    experiment, system = reading.experiment, reading.system
+    if last == first:
+        return start[None, :], 0.0
+    time = np.array(experiment.record.time[first : last + 1])
+    try:
+        run = simulate(
+            system,
+            (float(time[0]), float(time[-1])),
+            inputs=experiment.table(system),
+            parameters=reading.p,
+            initial=start,
+            times=time,
+            rtol=1e-5,
+        )
+    except SimulationError:
+        return np.tile(start, (time.size, 1)), float("inf")
+    outputs = np.column_stack([run[n] for n in experiment.outputs])
+    errors = np.sqrt(np.mean((outputs - reading.values[first : last + 1]) ** 2, axis=0))
+    spread = np.maximum(np.std(reading.values, axis=0), reading.noise)
+    return run.states, float(np.max(errors / spread))

@@ -14,7 +14,7 @@ import numpy as np
 from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.free_rotations import free_rotations
-from discrepancy.residual.initial_state import StateEstimate, estimate_states
+from discrepancy.residual.initial_state import DIVERGED_ERROR, StateEstimate, estimate_states
 from discrepancy.residual.input_noise import reduce_input_noise
 from discrepancy.residual.inverse import inverse_problem
 from discrepancy.residual.prepared_problem import PreparedProblem
@@ -39,10 +39,6 @@ if TYPE_CHECKING:
 
 __all__ = ["prepared_problem", "problem_in_windows"]
 
-DIVERGED_ERROR = 0.01 * DIVERGENCE_FACTOR
-"""Error of a calibrated simulation, over an output's spread, from which it counts as diverged from its records.
-A scan, which is linear in the error, then says nothing about it."""
-
 
 def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent) -> PreparedProblem:
     """Choose the mode of the residual, and prepare the experiments for it.
@@ -62,8 +58,9 @@ def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent)
         If the machine cannot be simulated at all.
     """
     prepared = _in_chosen_mode(problem, progress)
-    # Windows weight the noise of inputs, and a given motion has its own low-pass.
-    if prepared.mode != "simulation" or problem.inputs == "as recorded":
+    # Windows weight the noise of inputs, a given motion has its own low-pass, and a unit that is stepped would be run
+    # once for each sample of each input.
+    if prepared.mode != "simulation" or problem.inputs == "as recorded" or problem.model.stepped_part:
         return prepared
     quiet, noisy = reduce_input_noise(prepared.problem, progress)
     return replace(prepared, problem=quiet, noisy=noisy)
@@ -71,6 +68,8 @@ def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent)
 
 def _in_chosen_mode(problem: Problem, progress: Callable[[str], None]) -> PreparedProblem:
     """Return the problem in the mode that the study asks for, or that suits the machine."""
+    if problem.model.stepped_part:
+        return PreparedProblem(problem, "simulation", "a unit that is stepped shows no states to predict from")
     if any(e.at_own_instants for e in problem.identify):
         if problem.residual in ("prediction", "inverse"):
             raise StudyError(
@@ -257,6 +256,11 @@ def _does_not_diverge(growth: ErrorGrowth) -> str:
     most = float(np.max(growth.start))
     if most < 1.5:
         effect = "an error of the initial state does not grow"
+    elif most > DIVERGENCE_FACTOR:
+        effect = (
+            f"a 1 % error of the initial state changes an output by {most:.2g} % of its spread for a while, and has "
+            "died out by the middle of the record"
+        )
     else:
         effect = f"a 1 % error of the initial state changes no output by more than {most:.2g} % of its spread"
     return f"over {growth.time[-1]:.3g} s {effect}: simulations do not diverge, so whole records are simulated"
@@ -266,7 +270,7 @@ def _diverges(growth: ErrorGrowth) -> str:
     """Say which error grows, how far, and within which time."""
     if not np.isfinite(growth.within):
         return f"whole records could be simulated (errors grow by less than a factor of {DIVERGENCE_FACTOR:.0f})"
-    if np.any(growth.start > DIVERGENCE_FACTOR):
+    if np.any(growth.start > DIVERGENCE_FACTOR) and not growth.is_forgotten:
         levels = (10.0 * DIVERGENCE_FACTOR, DIVERGENCE_FACTOR)
         most = next((f for f in levels if np.any(growth.start > f)), DIVERGENCE_FACTOR)
         when = float(growth.time[np.argmax(growth.start > most)])

@@ -42,6 +42,9 @@ DIVERGENCE_FACTOR = 30.0
 WINDOW_FACTOR = 6.0
 """Within a window errors may grow less far: the scan is linear, and on a tumbling arm windows with a factor of 12 or 30
 missed the true friction, those with 5 found it."""
+MOST_TRANSIENT = 100.0
+"""An error of the initial state that is forgotten later may be this much larger for a while: there, 1 % of the initial
+state is as large as the spread of an output, and no simulation follows from then on."""
 NOISE_FACTOR = 10.0
 """A simulation of the whole record is useless when the noise of an input alone reaches ten times an output's noise."""
 WINDOW_NOISE = 3.0
@@ -89,9 +92,15 @@ class ErrorGrowth:
         """Time at which errors exceed `DIVERGENCE_FACTOR` or `NOISE_FACTOR`, s; infinite if never."""
         return self.until(DIVERGENCE_FACTOR, NOISE_FACTOR)
 
+    @property
+    def is_forgotten(self) -> bool:
+        """True where an error of the initial state is a transient: it stays bounded and dies out by mid-record."""
+        later = self.start[self.start.size // 2 :]
+        return bool(np.max(self.start, initial=0.0) < MOST_TRANSIENT and np.max(later, initial=0.0) < 1.0)
+
     def until(self, factor: float, noise: float) -> float:
         """Return the time at which errors exceed a factor, or noise exceeds its own, s; infinite if never."""
-        exceeded = self.start > factor
+        exceeded = (self.start > factor) & (not self.is_forgotten)
         if keeps_growing(self.inputs):
             exceeded = exceeded | (self.inputs > factor)
         if self.noise.size and keeps_growing(self.noise):
@@ -164,7 +173,7 @@ def error_growth(
         ]
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                start = states.at(first)
+                start = states.states[first]
                 changed = part.respond(system, states.p, start, states=names, perturbations=perturbations).derivatives
             break
         except SimulationError:

@@ -48,7 +48,7 @@ BATCH = 192  # responses that are computed together at most
 KEPT_COPIES = 5.0
 #: Of the energies of all candidates and shapes per band and pair of outputs: with and without whitening.
 SPECTRA_COPIES = 2.0
-WORTH_SAYING = 1e9  # bytes from which on the memory is told beforehand
+WORTH_SAYING = 1e9  # bytes from which on the memory is announced
 
 
 def _small_strength(motion: MotionRange) -> float:

@@ -144,9 +144,9 @@ class _Projected:
 
 
 def _orthonormal(
-    whitened: Iterable[tuple[int, int, bool, Array]], projection: Projection, told: Callable[[_Projected], None]
+    whitened: Iterable[tuple[int, int, bool, Array]], projection: Projection, visit: Callable[[_Projected], None]
 ) -> Iterator[Array]:
-    """Yield orthonormal columns of each group, in packs, and tell about each group.
+    """Yield orthonormal columns of each group, in packs; ``visit`` gets each group.
 
     By Cholesky and many groups at a time, which is fastest.
     """
@@ -193,7 +193,7 @@ def _orthonormal(
     while some := list(islice(packs, available_cores())):
         for pack, groups in parallel_map(straightened, some):
             for group in groups:
-                told(group)
+                visit(group)
             yield pack
 
 

@@ -14,8 +14,11 @@ MOST_STATES = 10
 def is_by_evidence(state: SearchState) -> bool:
     """Tell whether a study searches by evidence: where it says so, or, on "auto", where that has been tried.
 
-    That is where whole records of a small machine are simulated.
+    That is where whole records of a small machine are simulated.  A machine with a part that steps itself is searched
+    by steps.
     """
+    if state.problem.model.stepped_part:  # evidence asks for states and rates
+        return False
     if state.problem.search != "auto":
         return state.problem.search == "evidence"
     state.prepare()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 
 __all__ = ["check", "compare", "diagnose", "list_catalogue"]
+
+CHECKED = ("faults", "warnings", "facts")  # what `check` says, as it stands in check.json
 
 
 def diagnose(args: Namespace) -> int:
@@ -78,11 +81,11 @@ def _checked(problem: Problem, args: Namespace) -> Problem:
     """Return the problem with what `check` says of it among its warnings, and print that: it costs a simulation."""
     args.progress("whether model and records fit each other")
     found = check_problem(problem, excitation=False)
-    told = [text for text in (*found.faults, *found.warnings) if text not in problem.warnings]
+    noted = [text for text in (*found.faults, *found.warnings) if text not in problem.warnings]
     if not args.quiet:
-        for text in told:
+        for text in noted:
             print(f"vtsdt: {printable(text)}", file=sys.stderr)
-    return replace(problem, warnings=(*problem.warnings, *told))
+    return replace(problem, warnings=(*problem.warnings, *noted))
 
 
 def check(args: Namespace) -> int:
@@ -91,7 +94,7 @@ def check(args: Namespace) -> int:
     Parameters
     ----------
     args : namespace
-        ``study``, ``out`` (a folder or None), ``quiet``, ``progress``.
+        ``study``, ``out`` (a folder or None), ``json``, ``quiet``, ``progress``.
 
     Returns
     -------
@@ -102,17 +105,24 @@ def check(args: Namespace) -> int:
     problem = read_problem(args.study)
     args.progress("simulate every record once")
     found = check_problem(problem)
+    as_json = getattr(args, "json", False)
     for lead, texts in (("FAULT", found.faults), ("warning", found.warnings), ("ok", found.facts)):
-        if not args.quiet or lead == "FAULT":
+        if not as_json and (not args.quiet or lead == "FAULT"):
             for text in texts:
                 print(f"{lead}: {printable(text)}")
+    result = {"schema": 1, "study": problem.name, **{k: list(getattr(found, k)) for k in CHECKED}}
+    text = json.dumps(result, indent=2, ensure_ascii=False)
+    if args.out is not None:
+        Path(args.out).mkdir(parents=True, exist_ok=True)
+        (Path(args.out) / "check.json").write_text(text + "\n", encoding="utf-8")
+    if as_json:
+        print(text)
     if args.out is not None and found.model is not None:
         e = found.experiment
         out = Path(args.out)
-        out.mkdir(parents=True, exist_ok=True)
         units = [e.record.signals[n].unit for n in e.outputs]
         check_figure(e.name, e.time, e.measured, found.model, e.outputs, units).savefig(out / "check.png", dpi=110)
-        if not args.quiet:
+        if not args.quiet and not as_json:
             print(f"picture: {out / 'check.png'}")
     return 2 if found.faults else 0
 
@@ -123,7 +133,7 @@ def list_catalogue(args: Namespace) -> int:
     Parameters
     ----------
     args : namespace
-        ``study``, ``names``.
+        ``study``, ``names``, ``json``.
     """
     from rich.console import Console
     from rich.markup import escape
@@ -141,6 +151,13 @@ def list_catalogue(args: Namespace) -> int:
         print("\n".join(printable(entry.name) for entry in chosen))
         return 0
     names = {entry.name for entry in chosen}
+    if getattr(args, "json", False):
+        effects = [
+            {"name": e.name, "kind": e.kind.name, "where": e.where, "candidate": e.name in names} for e in everything
+        ]
+        result = {"schema": 1, "study": study.path.name, "effects": effects, "warnings": list(patterns.warnings)}
+        print(json.dumps(result, indent=2, ensure_ascii=False))
+        return 0
     table = Table(title=f"{len(chosen)} of {len(everything)} effects are candidates of {study.path.name}")
     table.add_column("kind", no_wrap=True)
     table.add_column("where", overflow="fold")

@@ -27,7 +27,8 @@ window.vtsdtZoom = (function () {
 
   /* Draws figures into an element.  options.onZoom(from, to) is called when the visible stretch was changed by hand,
      options.onMark(figure, mark) when a marked stretch is clicked, options.onSight() when a figure without numbers comes
-     into sight.  Returns {show(from, to), update(figures), inSight()}. */
+     into sight, options.onPrint() before printing where there are such figures: it returns all of them with their numbers,
+     or null, and what is without numbers then is not printed.  Returns {show(from, to), update(figures), inSight()}. */
   function draw(element, figures, options) {
     options = options || {};
     const plots = [];
@@ -54,7 +55,19 @@ window.vtsdtZoom = (function () {
       }
       if (options.onSight && plots.some((p) => p.visible && isEmpty(p))) options.onSight();
     }, { rootMargin: "200px" });
-    window.addEventListener("beforeprint", () => { for (const p of plots) { p.visible = true; refresh(p); } });
+    let seen = []; // the panels in sight when printing began
+    window.addEventListener("beforeprint", () => {
+      if (!element.isConnected) return; // other figures have taken its place
+      seen = plots.filter((p) => p.visible);
+      const all = options.onPrint && plots.some(isEmpty) ? options.onPrint() : null;
+      if (all) update(all);
+      for (const p of plots) {
+        p.visible = true;
+        refresh(p);
+        p.box.classList.toggle("unread", isEmpty(p));
+      }
+    });
+    window.addEventListener("afterprint", () => { for (const p of plots) p.visible = seen.includes(p); });
 
     function show(from, to, byHand) {
       if (busy || !(to > from)) return;

@@ -54,15 +54,17 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
         return session.state()
 
     def figures(given: Any) -> Any:
-        return session.figures(
-            given.get("record", ""),
-            start=-math.inf if given.get("start") is None else float(given["start"]),
-            stop=math.inf if given.get("stop") is None else float(given["stop"]),
-            against=int(given.get("against", 1)),
-            predict=given.get("predict", ""),
-            values=given.get("values") or None,
-            outputs=given.get("outputs"),
-        )
+        with session.giving_way.request():
+            return session.figures(
+                given.get("record", ""),
+                start=-math.inf if given.get("start") is None else float(given["start"]),
+                stop=math.inf if given.get("stop") is None else float(given["stop"]),
+                against=int(given.get("against", 1)),
+                predict=given.get("predict", ""),
+                values=given.get("values") or None,
+                outputs=given.get("outputs"),
+                columns=None if given.get("columns") is None else int(given["columns"]),
+            )
 
     def do(given: Any) -> Any:
         session.do(str(given.get("action")), given)

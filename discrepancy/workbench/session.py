@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.drawing.zoom_data import zoom_figure
-from discrepancy.effects.alike import taken_for
 from discrepancy.effects.kind_picture import has_picture, kind_picture
-from discrepancy.effects.kinds import kind_named, kinds
+from discrepancy.effects.kinds import kind_named
 from discrepancy.effects.law_in_words import law_of
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.report.figures import stage_title
@@ -22,14 +20,15 @@ from discrepancy.study.candidates import Candidates
 from discrepancy.study.history import save_history
 from discrepancy.study.study import Study
 from discrepancy.workbench import views
+from discrepancy.workbench.candidate_list import candidate_list
 from discrepancy.workbench.force_view import force_view
+from discrepancy.workbench.giving_way import GivingWay
+from discrepancy.workbench.time_view import record_figures
 from multibody.base.compile_events import on_compile
 from multibody.base.progress import Step
 from multibody.base.quantity_text import unit_text
 
 __all__ = ["Busy", "Session", "Stopped"]
-
-MOST_CANDIDATES = 20  # that the page lists with a prediction
 
 Entry = dict[str, Any]
 
@@ -59,6 +58,7 @@ class Session:
         self.study = study
         self.history = Path(history)
         self.version = 0
+        self.giving_way = GivingWay()
         self._changed = threading.Condition()
         self._stop = threading.Event()
         self._closed = False
@@ -146,6 +146,8 @@ class Session:
     def _progress(self, text: str) -> None:
         if threading.current_thread() is not self._work and self._work is None:
             return
+        if self._doing.get("yields"):
+            self.giving_way.rest()
         if self._stop.is_set():
             raise Stopped
         share = text.share if isinstance(text, Step) else None
@@ -309,6 +311,7 @@ class Session:
         predict: str = "",
         values: Mapping[str, float] | None = None,
         outputs: Collection[str] | None = None,
+        columns: int | None = None,
     ) -> list[Entry]:
         """Return the figures of a record: measurement, a stage to compare with, the latest stage, and a prediction.
 
@@ -326,92 +329,36 @@ class Session:
             Values of parameters: the latest model simulated with them is drawn too.
         outputs : collection of str, optional
             Those whose numbers are wanted; the figures of the others have empty lines.  Default: all.
+        columns : int, optional
+            Pixels across a figure: two points are kept in each, the smallest and the largest.
         """
         stages = list(self.study.stages)
         if not stages:
             return []
         latest, other = stages[-1], self._branch(against)
-        shown = self._comparison(latest).of(record=record or None) or self._comparison(latest).of()
-        shown = [s for s in shown if s.record == shown[0].record]
-        record = shown[0].record
-        before = {s.output: s for s in self._comparison(other).of(record=record)}
-        prediction = self._candidates().predict(predict) if predict else None
-        changed = self.study.what_if(values, record) if values else None
-        worst = self._worst(record)
-        figures = []
-        for column, signal in enumerate(shown):
-            models = []
-            if other is not latest and signal.output in before and before[signal.output].model.size == signal.time.size:
-                models.append((stage_title(other), "before", before[signal.output].model))
-            models.append((stage_title(latest), "after", signal.model))
-            if prediction is not None and record in prediction.records:
-                k, c = prediction.records.index(record), prediction.outputs.index(signal.output)
-                fall = prediction.before[k][:, c] - prediction.after[k][:, c]
-                expected = signal.model + np.interp(signal.time, prediction.times[k], fall)
-                models.append((f"predicted with {predict}", "predicted", expected))
-            if changed is not None:
-                models.append(("with the values of the sliders", "predicted", changed[:, column]))
-            figures.append(
-                zoom_figure(
-                    signal,
-                    models,
-                    title=signal.output,
-                    start=start,
-                    stop=stop,
-                    marks=worst.get(signal.output, ()),
-                    numbers=outputs is None or signal.output in outputs,
-                )
-            )
-        return figures
-
-    def _worst(self, record: str, count: int = 24) -> dict[str, list[tuple[float, float]]]:
-        """Return for each output the stretches where the latest model fails worst: those with most of the error."""
-        marks = {}
-        for signal in self._comparison(self.study.stages[-1]).of(record=record):
-            edges = np.linspace(0, signal.time.size, count + 1).astype(int)
-            energy = np.add.reduceat(signal.residual**2, edges[:-1])
-            limit = 3.0 * float(np.median(energy))
-            chosen = [k for k in np.argsort(-energy)[:3] if energy[k] > limit]
-            marks[signal.output] = [
-                (float(signal.time[edges[k]]), float(signal.time[min(edges[k + 1], signal.time.size - 1)]))
-                for k in chosen
-            ]
-        return marks
+        compared = self._comparison(latest)
+        if record not in {s.record for s in compared}:
+            record = compared.of()[0].record
+        return record_figures(
+            latest,
+            compared,
+            other,
+            self._comparison(other),
+            record=record,
+            start=start,
+            stop=stop,
+            prediction=self._candidates().predict(predict) if predict else None,
+            changed=self.study.what_if(values, record) if values else None,
+            outputs=outputs,
+            columns=columns,
+        )
 
     def _candidates(self) -> Candidates:
         return self.study.candidates()
 
     def candidates(self) -> Entry:
         """Return the best candidates with what they are expected to change; only after they have been scored."""
-        known = self._candidates()
-        weights = known.weights()
-        ties = known.scan.ties
-        tied = {} if ties is None or known.scan.best is None else {known.scan.best.name: ties.names}
-        rows = []
-        for row in known.scan.rows[:MOST_CANDIDATES]:
-            kind = kinds()[row.kind]
-            falls = {
-                name: 100.0 * (1.0 - after / before) if before > 0.0 else 0.0
-                for name, (before, after) in known.predict(row.name).rmse().items()
-            }
-            rows.append(
-                {
-                    "name": row.name,
-                    "kind": row.kind,
-                    "title": kind.text.title,
-                    "where": row.where,
-                    "weight": weights[row.name],
-                    "p_value": row.p_value,
-                    "falls": falls,
-                    "tied": [n for n in tied.get(row.name, ()) if n != row.name],
-                    "what": kind.text.what,
-                    "causes": kind.text.causes,
-                    "confirm": kind.text.confirm,
-                    "taken_for": [f"{kind_named(k).text.title} ({where})" for k, where in taken_for(row.kind)],
-                }
-            )
-        refused = [{"name": e.name, "why": why} for e, why in known.refused]
-        return {"rows": rows, "nothing": weights[""], "refused": refused, "tell_apart": _tell_apart(rows)}
+        return candidate_list(self._candidates())
 
     def kind(self, name: str) -> Entry:
         """Return the law of a kind in words and its picture as SVG, where there is one."""
@@ -448,14 +395,6 @@ class Session:
         if where not in self._forces.get(id(stage), ()):
             return {"places": places, "known": False}
         return {"places": places, "known": True, **force_view(self.study.unknown_force(where))}
-
-
-def _tell_apart(rows: list[Entry]) -> list[str]:
-    """Return what would tell the best candidate from those that explain as much; nothing where there are none."""
-    if not rows or not rows[0]["tied"]:
-        return []
-    tied = [r for r in rows if r is rows[0] or r["name"] in rows[0]["tied"]]
-    return list(dict.fromkeys(r["confirm"] for r in tied))
 
 
 def _title(stage: Stage) -> str:

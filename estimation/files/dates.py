@@ -146,7 +146,7 @@ def _past_midnight(seconds: np.ndarray) -> np.ndarray:
 
 
 def _order(known: Any, sample: str) -> tuple[dict[str, Any], str]:
-    """Return how pandas is to read dates like these, and a remedy where that cannot be told."""
+    """Return how pandas is to read dates like these, and a remedy where that is not clear."""
     if re.match(r"\d{4}[-/.]", sample):
         return ({"format": "ISO8601"} if sample[4] == "-" else {"format": "mixed", "yearfirst": True}), ""
     if re.match(r"\d{1,2}\.\d{1,2}\.\d{4}", sample):

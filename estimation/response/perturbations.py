@@ -90,7 +90,7 @@ def cheaper_by_transition_matrices(system: System, perturbations: Sequence[Pertu
     """
     channels = perturbed_channels(perturbations)
     columns = len(system.states) + sum(1 if isinstance(c, ParameterPerturbation) else 2 for c in channels)
-    return len(system.states) > 0 and len(perturbations) > 2 * columns
+    return len(system.states) > 0 and not system.stepped and len(perturbations) > 2 * columns
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

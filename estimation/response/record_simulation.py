@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimation.response.run_differences import derivatives_of_runs
 from multibody.base.errors import SimulationError, Stop, StopMessage
 from multibody.system.along_trajectory import observe_along
 from multibody.system.not_finite import not_finite
+from multibody.system.stepped import run_stepped
 
 if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
@@ -78,6 +80,26 @@ class RecordSimulation:
             )
         return self.error(StopMessage(text, Stop.NOT_FINITE))
 
+    def _by_whole_runs(self, directions: Directions | None) -> tuple[np.ndarray, np.ndarray, int]:
+        """Run a system with a part that steps itself, and again for differences along each direction."""
+        count = [0]
+
+        def outputs(p: np.ndarray, x0: np.ndarray, extra: dict[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+            try:
+                run = run_stepped(self.system, p, x0, self.table, self.time, rtol=self.rtol, extra=extra)
+            except SimulationError as error:
+                raise SimulationError(f"record '{self.record}': {error}", error.stop) from error
+            count[0] += run.evaluations
+            return self.system.outputs_along(self.time, run.states, run.inputs, p)[:, self.outputs]
+
+        y = outputs(self.p, self.x0, {})
+        evaluations = count[0]
+        if directions is None:
+            return y, np.empty((*y.shape, 0)), evaluations
+        parameters = self.system.parameters
+        bounds = np.array([[q.min, q.max] for q in parameters], dtype=float).reshape(-1, 2)
+        return y, derivatives_of_runs(outputs, y, self.p, self.x0, self.time, bounds, directions), evaluations
+
     def integrate(self, directions: Directions | None) -> tuple[np.ndarray, np.ndarray, int]:
         """Integrate the system, and its derivatives along directions.
 
@@ -95,6 +117,8 @@ class RecordSimulation:
         SimulationError
             If the integration fails.
         """
+        if self.system.stepped:
+            return self._by_whole_runs(directions)
         from multibody.solvers import Samples, integrate
         from multibody.system.simulate import native_problem
 

@@ -190,7 +190,7 @@ class UpdatingChain(UpdatingProblem):
     def search(self, choice: SurfaceChoice) -> tuple[OptimisationResult, pd.DataFrame]:
         """Step 7: the surface's maximum by fireflies with a local polish, and its rivals."""
         s = self.settings
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", SurrogateWarning)
             best = maximise(
                 choice.surface,
@@ -199,7 +199,7 @@ class UpdatingChain(UpdatingProblem):
                 options=s.options,
                 seed=np.random.default_rng([s.seed, 7]),
             )
-        self.notes += [f"{str(w.message)[:1].upper()}{str(w.message)[1:]}." for w in told]
+        self.notes += [f"{str(w.message)[:1].upper()}{str(w.message)[1:]}." for w in caught]
         return best, local_maxima(
             choice.surface, choice.surface.space, starts=30, seed=np.random.default_rng([s.seed, 8])
         )

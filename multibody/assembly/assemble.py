@@ -78,7 +78,8 @@ def with_outputs(work: Assembly, model: ModelGraph, outputs: Iterable[str]) -> A
     ModelError
         If there is no such output.
     """
-    names, known = [*outputs, *feature_outputs(model)], {q.name: q for q in work.outputs}
+    needed = [name for owner, part in model.components.items() for name in part.needed_outputs(owner)]
+    names, known = [*outputs, *feature_outputs(model), *needed], {q.name: q for q in work.outputs}
     if faults := [f"there is no output '{n}'{nearest(n, known)}" for n in names if n not in known]:
         raise ModelError(model.name, faults)
     return replace(work, outputs=[known[n] for n in dict.fromkeys(names)])

@@ -2,7 +2,7 @@
 
 Nothing is run and no model is built for it: the statements of each component are followed with the units that it
 declares.  What has no unit of its own stays free: a bare number beside a plus sign, and in a product every number that
-is no small fraction, because ``9.81`` may be an acceleration.  A difference that is told is therefore one.
+is no small fraction, because ``9.81`` may be an acceleration.  A difference that is reported is therefore one.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ class _Checker:
         try:
             text = plain_function(name, function, self.kernels)
         except EquationError:
-            return None  # told when the model is built
+            return None  # reported when the model is built
         inner = dict(zip((a.arg for a in text.args.args), arguments, strict=False))
         below = _Checker(inner, {}, self.kernels, self.faults, (*self.calling, name))
         return below.statements(text.body, f"{where}, in {function.__name__}")

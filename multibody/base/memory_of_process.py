@@ -17,7 +17,7 @@ def machine_memory() -> float:
     """Return how many bytes this process could have: those of the machine, or of a container or a resource limit."""
     try:
         found = [float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))]
-    except (AttributeError, ValueError, OSError):  # not everywhere told
+    except (AttributeError, ValueError, OSError):  # not known everywhere
         found = [8.0 * 2**30]
     try:
         import resource

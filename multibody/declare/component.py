@@ -45,7 +45,10 @@ class Component:
     features: ClassVar[dict[str, str]] = {}
 
     #: Whether the equations call what only Python can: a model with such a component is not compiled.
-    only_python: ClassVar[bool] = False
+    only_python: bool = False
+
+    #: Whether the component cannot be integrated and takes steps from sample to sample itself (`stepped_run`).
+    steps_itself: bool = False
 
     #: Parameters whose unit, and tables whose argument's unit, an option decides: their dimension is not checked.
     units_by_option: ClassVar[tuple[str, ...]] = ()
@@ -199,6 +202,10 @@ class Component:
     def is_transmission(self) -> bool:
         """Tell whether the component couples the motions of its ports."""
         return type(self).coupling is not Component.coupling
+
+    def needed_outputs(self, owner: str) -> list[str]:
+        """Return the outputs without which a model with this component cannot be simulated."""
+        return []
 
     def equations(self) -> None:
         """State the component's equations; read as text, never called."""

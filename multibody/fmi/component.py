@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-from multibody.assembly.equation_set import Assembly
+from multibody.assembly.equation_set import Assembly, Quantity
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.declare.declarations import (
@@ -20,9 +20,12 @@ from multibody.declare.declarations import (
     Translation,
 )
 from multibody.equations.statements import variable
+from multibody.fmi.communication import given_name, heard_name, stepped_run
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign import start_states
 from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable, read_unit
+from multibody.system.compiled import CompiledSystem
+from multibody.system.stepped import SteppedRun
 
 __all__ = ["Fmu", "Gap", "sensitivity_sources"]
 
@@ -30,7 +33,11 @@ _KEYS = ("force", "motion", "rate")
 
 
 class Fmu(Component):
-    """A model from another tool (an FMU for Model Exchange, FMI 2.0 or 3.0).
+    """A model from another tool (an FMU, FMI 2.0 or 3.0).
+
+    A unit for Model Exchange is integrated with the rest of the model.  One for Co-Simulation alone, or whose Model
+    Exchange has state events, is stepped from sample to sample: it has no states here, and sensitivities come from
+    differences of whole runs.
 
     Its states, inputs, parameters and outputs are those of the unit, in SI, under their own names with an underscore in
     the place of every other character: ``body.x[1]`` is ``body_x_1``.  An input that nothing drives keeps its start
@@ -63,8 +70,6 @@ class Fmu(Component):
     path = Option("", "the file")
     connections = Option("", "flanges, as 'guide: force=F_ext motion=s rate=v; ...'")
 
-    only_python: ClassVar[bool] = True
-
     def __init__(
         self, path: str | Path = "", connections: Mapping[str, Mapping[str, str]] | str = "", **given: Any
     ) -> None:
@@ -75,6 +80,8 @@ class Fmu(Component):
         unit = read_unit(str(self.options["path"]))
         self.digest = unit.digest
         self.sensitivities = unit.sensitivities
+        self.steps_itself = unit.stepped
+        self.only_python = not unit.stepped
         chosen: dict[str, Declaration] = dict(self.declarations)
 
         def add(name: str, item: Declaration) -> None:
@@ -106,6 +113,9 @@ class Fmu(Component):
             for what, shown in (("position", flange.motion), ("velocity", flange.rate)):
                 work.add(f"{variable(owner, flange.name, what)} = {variable(owner, shown.own)}", owner)
             work.add(f"{variable(owner, flange.name, 'acceleration')} = 0.0", owner)
+        if unit.stepped:
+            self._step(owner, work, unit, used)
+            return
         for k, (on, members) in enumerate(_groups(unit).items()):
             results = [
                 variable(owner, "_der", unit.states[i].own)
@@ -122,6 +132,26 @@ class Fmu(Component):
             ]
             target = ", ".join(results)
             work.add(f"{target} = {kernel}({', '.join(['t', *given])})", owner)
+
+    def _step(self, owner: str, work: Assembly, unit: ForeignUnit, used: Mapping[str, str]) -> None:
+        """Add what is heard of a unit that is stepped, and what it is given; see `multibody.fmi.communication`."""
+        for v in unit.outputs:
+            heard = f"{variable(owner, v.own)}___heard"
+            work.inputs.append(Quantity(heard_name(owner, v.own), v.unit, f"{v.name} of the unit", heard))
+            work.add(f"{variable(owner, v.own)} = {heard}", owner)
+        for v in unit.inputs:
+            shown = f"{variable(owner, v.own)}___given"
+            work.add(f"{shown} = {used[v.own]}", owner)
+            work.output(given_name(owner, v.own), v.unit, f"{v.name}, as the unit is given it", shown)
+
+    def needed_outputs(self, owner: str) -> list[str]:
+        """Return the outputs without which a model with this unit cannot be simulated."""
+        unit = read_unit(str(self.options["path"]))
+        return [given_name(owner, v.own) for v in unit.inputs] if unit.stepped else []
+
+    def stepped_run(self, system: CompiledSystem, owner: str, *given: Any, **options: Any) -> SteppedRun:
+        """Simulate a model with this unit; arguments as of `multibody.fmi.communication.stepped_run`."""
+        return stepped_run(system, read_unit(str(self.options["path"])), owner, *given, **options)
 
 
 class Gap(Component):

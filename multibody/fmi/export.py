@@ -49,7 +49,7 @@ def to_fmu(
     The unit has C source and needs no Python where it runs; it can be compiled for other platforms from
     ``sources/buildDescription.xml``.  Its variables are the system's states, inputs, parameters (the points of tables
     among them, one by one) and outputs, in SI.  An output that is a state is shown once.  In a step of Co-Simulation
-    the Dormand-Prince pair integrates with the tolerances of `simulate`, however stiff the model is.
+    the Dormand-Prince pair integrates with a relative tolerance of 1e-8, however stiff the model is.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _check(
     faults += [
         f"component '{name}' is evaluated by Python alone and has no form in C: leave it out"
         for name, part in system.model.components.items()
-        if part.only_python
+        if part.only_python or part.steps_itself
     ]
     if importlib.util.find_spec("fmpy") is None:
         faults.append("the C headers of the standard come with fmpy: pip install 'vtsdt[fmi]'")

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from functools import lru_cache
 from multiprocessing import Pipe
 from pathlib import Path
@@ -18,13 +19,16 @@ from multibody.base.errors import SimulationError
 from multibody.fmi.foreign_description import ForeignVariable, read_unit
 from multibody.fmi.scratch_folder import ScratchFolder
 from multibody.fmi.server import COLUMNS, EVALUATE, START
+from multibody.fmi.stepping import BEGIN, STEPS
 
-__all__ = ["TIMEOUT", "evaluate", "start_states", "tangent"]
+__all__ = ["TIMEOUT", "CoSimulation", "cosimulation", "evaluate", "start_states", "tangent"]
 
 #: Seconds after which a unit that does not answer counts as hung; an evaluation takes microseconds.
 TIMEOUT = 60.0
 #: The same for the start of its process, which imports fmpy and loads the unit.
 START_TIMEOUT = 120.0
+#: Communication steps that one question asks for: an answer stays far below the time limit.
+_STEPS_AT_ONCE = 500
 
 _running: dict[tuple[str, str, int], _Process] = {}
 _lock = threading.RLock()
@@ -107,6 +111,11 @@ class _Process:
         found = self._ask(START + own.tobytes())
         return found * self.known_factor[:n] + self.known_offset[:n]
 
+    def ask_steps(self, request: bytes) -> np.ndarray:
+        """Return the answer to a request of `multibody.fmi.stepping`: rows of outputs, SI."""
+        answer = self._ask(request).reshape(-1, len(self.unit.outputs))
+        return answer * self.factor + self.offset
+
     def _point(self, t: float, known: tuple[float, ...]) -> bytes:
         own = (np.array(known) - self.known_offset) / self.known_factor
         return np.concatenate([[t], own]).tobytes()
@@ -166,6 +175,50 @@ def _process(path: str, digest: str) -> _Process:
         if key not in _running:
             _running[key] = _Process(path)
         return _running[key]
+
+
+class CoSimulation:
+    """A unit that is stepped, from one begin to the next; `cosimulation` gives it, to one thread at a time."""
+
+    def __init__(self, process: _Process) -> None:
+        self._process, self.unit = process, process.unit
+        self._factor, self._offset = _scales(self.unit.inputs)
+
+    def begin(self, start: float, end: float, inputs: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Initialise the unit with inputs and parameters and return its outputs, all in SI."""
+        factor, offset = _scales(self.unit.parameters)
+        own = (inputs - self._offset) / self._factor, (parameters - offset) / factor
+        return self._process.ask_steps(BEGIN + np.concatenate([[start, end], *own]).tobytes())[0]
+
+    def steps(self, times: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """Step from each time to the next and return the outputs at the later ones, shape (n - 1, n_y).
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,), s
+        first, last : ndarray, shape (n - 1, n_u)
+            Inputs at the beginning and at the end of each step, straight between; SI.
+        """
+        size = np.diff(times)[:, None]
+        begin, end = (first - self._offset) / self._factor, (last - self._offset) / self._factor
+        slopes = (end - begin) / size
+        held = begin if self.unit.communication.slopes else 0.5 * (begin + end)  # whose mean is right
+        rows = np.hstack([times[:-1, None], size, held, slopes, end])
+        parts = range(0, len(rows), _STEPS_AT_ONCE)
+        return np.concatenate([self._process.ask_steps(STEPS + rows[k : k + _STEPS_AT_ONCE].tobytes()) for k in parts])
+
+
+@contextlib.contextmanager
+def cosimulation(path: str, digest: str) -> Iterator[CoSimulation]:
+    """Give a unit's process to be stepped; others wait.
+
+    Raises
+    ------
+    SimulationError
+        As `evaluate`.
+    """
+    with _lock:
+        yield CoSimulation(_process(path, digest))
 
 
 @atexit.register

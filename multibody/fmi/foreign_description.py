@@ -62,8 +62,27 @@ class ForeignVariable:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CommunicationSteps:
+    """What a unit for Co-Simulation says of its communication steps.
+
+    Parameters
+    ----------
+    size : float or None
+        The step that it asks for, s.
+    fixed : bool
+        Whether every step must have this size.
+    slopes : bool
+        Whether inputs can have first derivatives in a step (FMI 2.0).
+    """
+
+    size: float | None = None
+    fixed: bool = False
+    slopes: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class ForeignUnit:
-    """A unit for Model Exchange.
+    """A unit for Model Exchange, or one that can only be stepped (Co-Simulation).
 
     Parameters
     ----------
@@ -72,7 +91,7 @@ class ForeignUnit:
         Of the file.
     fmi_version, name : str
     states, inputs, parameters, outputs : tuple of ForeignVariable
-        Outputs that are states are left out.
+        Outputs that are states are left out.  A unit that is stepped shows no states.
     rates : tuple of int
         References of the states' rates.
     derivatives : bool
@@ -81,6 +100,10 @@ class ForeignUnit:
         Whether they hold along parameters, too: the standard does not ask for that, units written here have it.
     ignored : tuple of str
         Variables that cannot be used here (whole numbers, texts, arrays), by name.
+    stepped : bool
+        Whether it is used in Co-Simulation: it has no Model Exchange, or one with events.
+    communication : CommunicationSteps
+        What it says of its communication steps.
     """
 
     path: Path
@@ -95,10 +118,17 @@ class ForeignUnit:
     derivatives: bool
     exact_parameters: bool
     ignored: tuple[str, ...]
+    stepped: bool = False
+    communication: CommunicationSteps = CommunicationSteps()
 
     @property
     def sensitivities(self) -> str:
         """From which derivatives sensitivities come, as a sentence's part."""
+        if self.stepped:
+            return (
+                "differences of whole runs; it is stepped (Co-Simulation) and shows neither states nor rates, so that "
+                "the search is by significance, on simulations of whole records"
+            )
         if not self.derivatives:
             return "central differences; the unit has no directional derivatives"
         if self.exact_parameters:
@@ -126,8 +156,8 @@ def read_unit(path: str | Path) -> ForeignUnit:
     Raises
     ------
     FmuError
-        With every fault that is found: not a zip file, a path in it that climbs out, no library for this platform, no
-        Model Exchange, events, names that stand for two variables.
+        With every fault that is found: not a zip file, a path in it that climbs out, no library for this platform,
+        neither Model Exchange nor Co-Simulation, events without Co-Simulation, names that stand for two variables.
     """
     path = Path(path).absolute()
     return _read(path, file_digest(path))
@@ -172,18 +202,21 @@ def _faults(described: Any, names: list[str]) -> list[str]:
     version = str(described.fmiVersion)
     if version != "2.0" and not version.startswith("3."):
         return [f"it is of FMI {version}: 2.0 and 3.0 can be read"]
-    if described.modelExchange is None:
-        return ["it has no Model Exchange, and Co-Simulation alone is not simulated here: export it with both"]
+    if described.modelExchange is None and described.coSimulation is None:
+        return ["it has neither Model Exchange nor Co-Simulation: export it with one of them"]
     faults = []
+    used = described.coSimulation if _is_stepped(described) else described.modelExchange
     folder, ending = binary_folder("2.0" if version == "2.0" else "3.0")
-    library = f"binaries/{folder}/{described.modelExchange.modelIdentifier}{ending}"
+    library = f"binaries/{folder}/{used.modelIdentifier}{ending}"
     if library not in names:
         there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         has = f"it has libraries for {', '.join(there)}" if there else "it has none at all"
         faults.append(f"there is no library for this platform ('{library}'): {has}")
-    indicators = described.numberOfEventIndicators if version == "2.0" else len(described.eventIndicators)
-    if indicators:
-        faults.append(f"it has {indicators} event indicators, and state events are not followed here")
+    if not _is_stepped(described) and (indicators := _event_indicators(described)):
+        faults.append(
+            f"it has {indicators} event indicators, and state events are not followed here: export it for "
+            "Co-Simulation, where the unit follows them itself"
+        )
     seen: set[str] = set()
     double = [v.name for v in described.modelVariables if v.name in seen or seen.add(v.name)]  # type: ignore[func-returns-value]
     if double:
@@ -195,11 +228,35 @@ def _faults(described: Any, names: list[str]) -> list[str]:
     return faults
 
 
+def _event_indicators(described: Any) -> int:
+    second = str(described.fmiVersion) == "2.0"
+    return int(described.numberOfEventIndicators or 0) if second else len(described.eventIndicators)
+
+
+def _is_stepped(described: Any) -> bool:
+    """Tell whether a unit is used in Co-Simulation: where its Model Exchange is absent, or has state events."""
+    if described.coSimulation is None:
+        return False
+    return described.modelExchange is None or _event_indicators(described) > 0
+
+
+def _communication(described: Any) -> CommunicationSteps:
+    given = described.coSimulation
+    asked = getattr(given, "fixedInternalStepSize", None) or getattr(described.defaultExperiment, "stepSize", None)
+    return CommunicationSteps(
+        size=float(asked) if asked else None,
+        fixed=not given.canHandleVariableCommunicationStepSize,
+        slopes=str(described.fmiVersion) == "2.0" and bool(given.canInterpolateInputs),
+    )
+
+
 def _unit(path: Path, digest: str, described: Any) -> ForeignUnit:
     units = {u.name: u for u in described.unitDefinitions}
     names = _OwnNames()
     usable = [v for v in described.modelVariables if v.type in _REALS and not v.dimensions]
-    states = [u.variable.derivative for u in described.derivatives]
+    stepped = _is_stepped(described)
+    rates = [] if stepped else described.derivatives
+    states = [u.variable.derivative for u in rates]
     of_states = {v.valueReference for v in states}
     on: dict[int, tuple[int, ...] | None] = {}
     inputs = [v for v in usable if v.causality == "input"]
@@ -213,7 +270,7 @@ def _unit(path: Path, digest: str, described: Any) -> ForeignUnit:
     def made(variables: Any) -> tuple[ForeignVariable, ...]:
         return tuple(_variable(v, units, names, on.get(v.valueReference)) for v in variables)
 
-    derivatives = _has_derivatives(path)
+    derivatives = not stepped and _has_derivatives(path)
     kinds = ("input", "parameter", "output")
     left = [v.name for v in described.modelVariables if v.causality in kinds and (v.type not in _REALS or v.dimensions)]
     return ForeignUnit(
@@ -225,10 +282,12 @@ def _unit(path: Path, digest: str, described: Any) -> ForeignUnit:
         inputs=made(inputs),
         parameters=made(v for v in usable if v.causality == "parameter"),
         outputs=made(v for v in usable if v.causality == "output" and v.valueReference not in of_states),
-        rates=tuple(u.variable.valueReference for u in described.derivatives),
+        rates=tuple(u.variable.valueReference for u in rates),
         derivatives=derivatives,
         exact_parameters=derivatives and str(described.generationTool or "").startswith("vtsdt "),
         ignored=tuple(left),
+        stepped=stepped,
+        communication=_communication(described) if stepped else CommunicationSteps(),
     )
 
 

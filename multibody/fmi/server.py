@@ -3,8 +3,8 @@
 Started by `multibody.fmi.foreign` as ``python -m multibody.fmi.server FMU FD FOLDER``; the unit is unpacked into the
 folder, which this process removes unless it is killed (then its parent does).  A request is one byte and float64
 numbers: time, states, inputs, parameters, and then, of a Jacobian, the places of the columns wanted among the last
-three; of the start the parameters alone.  The answer is one byte, ``+`` and float64 numbers or ``-`` and a text.
-Numbers are those of the unit, not SI.
+three; of the start the parameters alone.  Those to a unit that is stepped: see `multibody.fmi.stepping`.  The answer is
+one byte, ``+`` and float64 numbers or ``-`` and a text.  Numbers are those of the unit, not SI.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import shutil
 import sys
 import threading
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -22,6 +23,7 @@ import numpy as np
 
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign_description import ForeignUnit, read_unit
+from multibody.fmi.stepping import BEGIN, STEPS, SteppedUnit
 
 __all__ = ["COLUMNS", "EVALUATE", "START", "serve"]
 
@@ -33,7 +35,7 @@ def serve(path: str, connection: Connection, folder: str) -> None:
     """Answer requests until the other side closes the connection."""
     try:
         try:
-            running = _Running(read_unit(path), folder)
+            answers = _answers(read_unit(path), folder)
             connection.send_bytes(b"+")
         except Exception as error:
             connection.send_bytes(b"-" + f"{error}".encode())
@@ -45,12 +47,20 @@ def serve(path: str, connection: Connection, folder: str) -> None:
                 return
             try:
                 numbers = np.frombuffer(request, offset=1) if len(request) > 1 else np.empty(0)
-                answers = {EVALUATE: running.evaluate, COLUMNS: running.columns, START: running.start}
                 connection.send_bytes(b"+" + answers[request[:1]](numbers).tobytes())
             except Exception as error:
                 connection.send_bytes(b"-" + f"{error}".encode())
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _answers(unit: ForeignUnit, folder: str) -> dict[bytes, Callable[[np.ndarray], np.ndarray]]:
+    """Return what answers each request."""
+    if unit.stepped:
+        stepped = SteppedUnit(unit, folder)
+        return {BEGIN: stepped.begin, STEPS: stepped.steps}
+    running = _Running(unit, folder)
+    return {EVALUATE: running.evaluate, COLUMNS: running.columns, START: running.start}
 
 
 class _Running:
@@ -137,12 +147,12 @@ class _Running:
         """Return rates and outputs at time, states, inputs, parameters."""
         self._go_to(numbers)
         fmu = self.fmu
+        if self.outputs:  # before the rates: units by OpenModelica compute no outputs once they have computed rates
+            self.y[:] = (fmu.getReal if self.second else fmu.getFloat64)(self.outputs)
         if self.rates.size:
             (fmu.getDerivatives if self.second else fmu.getContinuousStateDerivatives)(
                 _pointer(self.rates), self.rates.size
             )
-        if self.outputs:
-            self.y[:] = (fmu.getReal if self.second else fmu.getFloat64)(self.outputs)
         return np.concatenate([self.rates, self.y])
 
     def columns(self, numbers: np.ndarray) -> np.ndarray:

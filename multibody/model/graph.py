@@ -180,6 +180,11 @@ class ModelGraph:
         return dict(self._components)
 
     @property
+    def stepped_part(self) -> str | None:
+        """The name of the component that steps itself (`Component.steps_itself`), None where there is none."""
+        return next((name for name, part in self._components.items() if part.steps_itself), None)
+
+    @property
     def connections(self) -> list[tuple[str, ...]]:
         """The connections as they were made."""
         return list(self._connections)

@@ -71,6 +71,8 @@ class CompiledSystem:
         self.texts = plan.texts
         self.sparsity = plan.sparsity
         self.compiled = compiled and not any(c.only_python for c in model.components.values())
+        #: whether a part of the model steps itself: then there are no rates of all that moves (see `stepped`)
+        self.stepped = model.stepped_part is not None
         self._places = plan.places
         self.states, self.inputs = plan.states, plan.inputs
         self.parameters, self.outputs = plan.parameters, plan.outputs

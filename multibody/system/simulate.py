@@ -14,6 +14,7 @@ from multibody.inputs.table import InputTable
 from multibody.system.compiled import CompiledSystem
 from multibody.system.narrow_features import StepLimits, finer_step, narrow_features, step_limits
 from multibody.system.not_finite import not_finite_beyond
+from multibody.system.stepped import run_stepped
 from multibody.system.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ def simulate(
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
+    if system.stepped:
+        return _stepped(system, p, x0, table, times, functions, events, rtol)
     limits = step_limits(system, p) if max_step is None else StepLimits(largest_step=max_step)
     unchecked = limits.of_signals  # by the steps themselves: the finished run is checked
     if max_step is None and (functions or method not in ("auto", *NATIVE)):  # SciPy's methods evaluate no speeds
@@ -116,6 +119,27 @@ def simulate(
         limits = replace(limits, largest_step=finer)
         run = task.run(limits)
     return run
+
+
+def _stepped(
+    system: CompiledSystem,
+    p: np.ndarray,
+    x0: np.ndarray,
+    table: InputTable,
+    times: np.ndarray,
+    functions: Mapping[str, Any],
+    events: Any,
+    rtol: float,
+) -> Trajectory:
+    """Return the trajectory of a model with a part that steps itself."""
+    if functions or events is not None:
+        raise SimulationError(
+            f"'{system.name}' has a unit that is stepped (Co-Simulation): give inputs as numbers or (times, values), "
+            "and no events"
+        )
+    run = run_stepped(system, p, x0, table, times, rtol=rtol)
+    statistics = {"method": "communication steps", "why": "a unit steps itself", "nfev": run.evaluations}
+    return Trajectory(system=system, times=times, states=run.states, inputs=run.inputs, p=p, statistics=statistics)
 
 
 def input_table(

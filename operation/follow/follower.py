@@ -22,7 +22,7 @@ from operation.store.store import Event, Store
 
 __all__ = ["Follower", "Taken", "record_time"]
 
-#: Seconds by which a record may lie ahead of the computer's clock before that is told.
+#: Seconds by which a record may lie ahead of the computer's clock before that is reported.
 AHEAD = 86400.0
 _DIRECTIVES = {"Y": r"\d{4}", "m": r"\d\d", "d": r"\d\d", "H": r"\d\d", "M": r"\d\d", "S": r"\d\d", "j": r"\d{3}"}
 
@@ -149,7 +149,7 @@ class Follower:
 
     def _new_changes(self, state: MachineState) -> list[FoundChange]:
         """Return the changes that no event tells yet: one that a late record moved a little is the same."""
-        told = self.store.events(self.settings.machine, "change")
+        reported = self.store.events(self.settings.machine, "change")
 
         def known(c: FoundChange) -> bool:
             return any(
@@ -157,7 +157,7 @@ class Follower:
                 and e.detail.get("up") == c.change.up
                 and e.at <= c.raised
                 and c.since <= e.raised
-                for e in told
+                for e in reported
             )
 
         return [c for c in state.changes if not known(c)]

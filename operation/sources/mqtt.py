@@ -1,4 +1,4 @@
-"""Records over MQTT: a message is one record; it is written to the disk before the broker is told that it arrived.
+"""Records over MQTT: a message is one record; it is written to the disk before its arrival is acknowledged.
 
 The broker keeps what is sent while this program is away (a session that lasts, quality of service 1), so a broker or a
 follower that is restarted loses nothing and may deliver a message twice.  Needs the extra ``[mqtt]`` (Eclipse Paho).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,29 @@ def test_a_sound_study_has_no_fault_and_a_picture(tmp_path, motion, capsys):
     assert "FAULT" not in told
     assert "'mass1.position' follows the model" in told
     assert (tmp_path / "out" / "check.png").stat().st_size > 10_000
+
+
+def test_the_check_as_json_is_that_of_the_file_and_nothing_else(tmp_path, motion, capsys):
+    path = study(tmp_path, motion[:, [0, 1, 2, 4, 3]])  # swapped columns
+    assert main(["check", str(path), "--json", "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().out
+    assert told == (tmp_path / "out" / "check.json").read_text(encoding="utf-8")
+    found = json.loads(told)
+    assert found["schema"] == 1
+    assert any("swapped" in text for text in found["faults"])
+    assert set(found) == {"schema", "study", "faults", "warnings", "facts"}
+
+
+def test_the_catalogue_as_json_says_what_is_a_candidate(tmp_path, motion, capsys):
+    path = study(tmp_path, motion)
+    path.write_text(path.read_text(encoding="utf-8") + '[candidates]\ninclude = ["*@spring1"]\n', encoding="utf-8")
+    assert main(["catalogue", str(path), "--names"]) == 0
+    names = capsys.readouterr().out.split()
+    assert main(["catalogue", str(path), "--json"]) == 0
+    effects = json.loads(capsys.readouterr().out)["effects"]
+    assert [e["name"] for e in effects if e["candidate"]] == names
+    assert 0 < len(names) < len(effects)
+    assert all(e["name"] == f"{e['kind']}@{e['where']}" for e in effects)
 
 
 @pytest.mark.parametrize(

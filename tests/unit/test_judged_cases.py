@@ -253,10 +253,10 @@ def test_the_page_counts_by_category_and_nats() -> None:
     assert found["right"] == (3, 4)
     assert found["truth first, 100 nats or more"] == (1, 1)
     assert found["a confident wrong name, below 100 nats"] == (1, 1)
-    assert found["outside the catalogue, told as unknown"] == (1, 1)
+    assert found["outside the catalogue, reported as unknown"] == (1, 1)
     text = page(rows, date="2026-01-01", final=True)
     assert "2026-01-01, code abc, final seeds, run once" in text
-    assert "| nothing missing, told so | 1 | 1 | 100.0% | " in text
+    assert "| nothing missing, and the answer says so | 1 | 1 | 100.0% | " in text
 
 
 def test_a_plan_has_every_combination_once() -> None:

@@ -16,7 +16,7 @@ from discrepancy.residual.input_noise import input_noise_weighting
 from discrepancy.residual.inverse import derivatives, inverse_problem
 from discrepancy.residual.residual_mode import prepared_problem, problem_in_windows
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
-from discrepancy.residual.windows import WINDOW_FACTOR, cut_windows, error_growth
+from discrepancy.residual.windows import WINDOW_FACTOR, ErrorGrowth, cut_windows, error_growth
 from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.perturbations import InputPerturbation
@@ -133,6 +133,39 @@ def test_errors_of_a_standing_pendulum_grow_at_the_known_rate():
     # has left upright by 0.04 rad in the end, where the linearisation is off by 0.04²/2.
     size = np.hypot(np.cosh(rate * time), np.sinh(rate * time) / rate)
     np.testing.assert_allclose(growth.start, size / size[19], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("growth", "diverges"),
+    [
+        (lambda t: 1.0 + 40.0 * t * np.exp(-2.0 * t), False),  # 8.4 at most: below the factor in any case
+        (lambda t: np.exp(4.0 * np.minimum(t, 1.0) - 9.0 * np.maximum(t - 1.0, 0.0)), False),  # 55 after 1 s, then gone
+        (lambda t: np.exp(5.0 * np.minimum(t, 1.0) - 9.0 * np.maximum(t - 1.0, 0.0)), True),  # 148: as large as outputs
+        (lambda t: np.exp(4.0 * np.minimum(t, 1.0)), True),  # stays
+        (lambda t: np.exp(4.0 * np.clip(t - 3.0, 0.0, 1.0)), True),  # begins late: none knows whether it would die out
+    ],
+)
+def test_an_error_of_the_initial_state_that_dies_out_is_a_transient(growth, diverges):
+    time = np.arange(0.0, 4.0, DT)
+    found = ErrorGrowth(time=time, start=growth(time), inputs=np.zeros(time.size))
+    assert np.isfinite(found.within) == diverges
+
+
+def test_states_are_those_of_the_simulation_where_it_follows_the_record():
+    """A spring that is 3 % too stiff: sensors' corrections would pull the states to and fro, 64 times a record."""
+    problem, _ = slide_problem(stiffness=2000.0)
+    e = problem.identify[0]
+    system = slide(2060.0).build(outputs=e.outputs)
+    states = estimate_states(e, system, system.p).states
+    run = system.simulate(
+        (0.0, e.record.time[-1]),
+        inputs={"drive.force": (e.record.time, e.record.values("drive.force")[:, 0])},
+        initial=e.start_vector(system),
+        times=e.record.time,
+        rtol=1e-9,
+    )
+    # rtol 1e-5 in each of 64 pieces, of a state whose largest value counts
+    np.testing.assert_allclose(states, run.states, atol=1e-3 * np.max(np.abs(run.states)))
 
 
 def test_windows_do_not_cross_records_and_cover_them():

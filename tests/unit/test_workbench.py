@@ -23,8 +23,11 @@ from discrepancy.study.history import restore
 from discrepancy.study.script import replay
 from discrepancy.study.study import Study
 from discrepancy.workbench.command import open_session
+from discrepancy.workbench.giving_way import GivingWay
 from discrepancy.workbench.session import Busy, Session
+from discrepancy.workbench.time_view import rows_for
 from multibody.base.quantity_text import unit_text
+from multibody.base.thinning import extreme_rows
 
 NAME, OUTPUT = "coulomb_friction@guide", "carriage.position"
 
@@ -247,6 +250,53 @@ def test_work_that_yields_gives_way(tmp_path):
     session.join()
     assert session.state()["error"] == ""
     assert len(session.state()["stages"]) == 2
+
+
+def test_work_in_the_background_rests_while_a_figure_is_asked_for(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    steps, begun = [], threading.Event()
+
+    def work() -> None:
+        for k in range(400):
+            session.study.progress(f"step {k}")
+            steps.append(time.monotonic())
+            begun.set()
+            time.sleep(0.005)
+
+    session.begin("score", work, yields=True)
+    assert begun.wait(30.0)
+    with session.giving_way.request():
+        time.sleep(0.05)  # until the step in hand is finished
+        asked = time.monotonic()
+        time.sleep(0.4)
+        answered = time.monotonic()
+    assert not [s for s in steps if asked < s < answered]
+    time.sleep(1.0)
+    assert steps[-1] > answered  # and goes on after it
+    session.stop()
+    session.join()
+
+
+def test_no_request_holds_the_work_for_ever():
+    gate = GivingWay()
+    with gate.request():
+        begun = time.monotonic()
+        gate.rest(patience=0.2)
+        assert 0.15 < time.monotonic() - begun < 5.0
+    begun = time.monotonic()
+    gate.rest(patience=5.0)
+    assert time.monotonic() - begun < 1.0
+
+
+def test_each_column_of_pixels_has_its_spike(session):
+    values, columns = np.zeros(90_000), 1500
+    spikes = np.arange(30, values.size, 60)  # one in each column
+    values[spikes] = np.where(np.arange(spikes.size) % 2, 1.0, -1.0)
+    rows = extreme_rows(values, rows_for(columns))
+    assert rows.size <= 2 * columns + 2
+    assert set(spikes) <= set(rows)
+    few, many = (_numbers(session.figures("run1", columns=c)[0]["x"]).size for c in (100, 4000))
+    assert few < many == session.study.compare().of(record="run1")[0].time.size
 
 
 def test_one_piece_of_work_at_a_time_and_it_can_be_stopped(tmp_path):

@@ -92,13 +92,51 @@ def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
             assert {n: v["rmse"] for n, v in stage[part].items()} == kept["rmse"][part]
 
 
+DRAWN = "() => { const draw = vtsdtZoom.draw; vtsdtZoom.draw = (...all) => (window.drawn = draw(...all)); }"
+
+
+def test_another_record_keeps_the_zoom_and_paper_shows_what_was_out_of_sight(browser, study, tmp_path):
+    with walking.workbench(study, "--out", tmp_path) as (address, _):
+        page = walking.page_of(browser, address, "narrow")
+        page.evaluate(DRAWN)
+        record = page.locator('select[aria-label="record"]')
+
+        def choose(name: str) -> list[float]:
+            record.select_option(name)
+            page.wait_for_function(f"() => window.drawn && drawn.plots[0].figure.record === '{name}'")
+            return page.evaluate("drawn.plots.map((p) => [p.plot.scales.x.min, p.plot.scales.x.max])")
+
+        whole = choose("run1")[0]
+        page.locator(".zoom-bar button").first.click()
+        page.wait_for_function(f"() => drawn.plots[0].plot.scales.x.min > {whole[0]}")
+        closer = page.evaluate("wb.chosen.span")
+        assert choose("run2") == [closer, closer]
+        assert page.locator("button.leave").inner_text() == "Leave the visible stretch out"
+        page.locator(".zoom-bar button").last.click()  # the whole record, and so is the next one
+        page.wait_for_function("() => wb.chosen.span === null")
+        assert choose("run0")[0] == whole
+
+        page.set_viewport_size({"width": 400, "height": 300})
+        page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
+        page.wait_for_function("() => drawn.plots.every((p) => !p.visible)")
+        page.evaluate(f"drawn.show({closer[0]}, {closer[1]}, true)")
+        page.wait_for_function("() => drawn.plots.every((p) => !p.figure.x)")
+        assert page.evaluate("drawn.plots[0].plot.data[0][0]") == whole[0]  # nobody sees these old lines
+        page.pdf()
+        first = page.evaluate("drawn.plots.map((p) => p.plot.data[0][0])")
+        assert first == pytest.approx([closer[0]] * 2, abs=0.02 * (closer[1] - closer[0]))
+        page.route("**/figures*", lambda route: route.abort())  # the server has gone: old lines are not printed
+        page.evaluate("drawn.plots.forEach((p) => { p.figure = { ...p.figure, x: '' }; p.stale = true; })")
+        page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+        page.emulate_media(media="print")
+        assert not page.locator(".zoom-panel:visible").count()
+
+
 @pytest.mark.slow
 def test_panels_are_zoomed_together_and_a_lost_browser_loses_nothing(browser, study, tmp_path):
     with walking.workbench(study, "--out", tmp_path) as (address, _):
         page = walking.page_of(browser, address)
-        page.evaluate(
-            "() => { const draw = vtsdtZoom.draw; vtsdtZoom.draw = (...all) => (window.drawn = draw(...all)); }"
-        )
+        page.evaluate(DRAWN)
         for view in ("where", "time"):
             page.locator(f'#tabs button[data-view="{view}"]').click()
             page.locator(f'#view[data-view="{view}"]').wait_for()
@@ -109,7 +147,7 @@ def test_panels_are_zoomed_together_and_a_lost_browser_loses_nothing(browser, st
         whole = spans()
         assert len(whole) == 2  # the output and its residual
         page.locator(".zoom-bar button").first.click()
-        page.wait_for_function(f"drawn.plots[0].plot.scales.x.min > {whole[0][0]}")
+        page.wait_for_function(f"() => drawn.plots[0].plot.scales.x.min > {whole[0][0]}")
         closer = spans()
         assert closer[0] == closer[1]
         box = page.locator(".zoom-panel .u-over").nth(1).bounding_box()  # drag over the residual
@@ -118,7 +156,7 @@ def test_panels_are_zoomed_together_and_a_lost_browser_loses_nothing(browser, st
         page.mouse.down()
         page.mouse.move(box["x"] + 0.75 * box["width"], across, steps=5)
         page.mouse.up()
-        page.wait_for_function(f"drawn.plots[0].plot.scales.x.min > {closer[0][0]}")
+        page.wait_for_function(f"() => drawn.plots[0].plot.scales.x.min > {closer[0][0]}")
         closest = spans()
         assert closest[0] == closest[1]
         assert closest[0][1] - closest[0][0] == pytest.approx(0.5 * (closer[0][1] - closer[0][0]), rel=0.05)

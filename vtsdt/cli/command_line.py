@@ -177,7 +177,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except Exception as error:
         if not debug:
-            error.__traceback__ = None  # frees what the command held: a lack of memory can then be told
+            error.__traceback__ = None  # frees what the command held: a lack of memory can then be reported
         try:
             return _explained(error, debug)
         except MemoryError:

@@ -20,7 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     add = parser.add_argument
     add("data", metavar="DATA", nargs="*", help="recordings: files, patterns, or a folder of them")
     add("--machine", metavar="KIND", help="what the machine is; --list names the kinds")
-    add("--fmu", metavar="FILE", help="in place of it: an FMU for Model Exchange from another tool")
+    add("--fmu", metavar="FILE", help="in place of it: an FMU from another tool")
     add(
         "--column",
         metavar="NAME=COLUMN",

@@ -1,7 +1,7 @@
-"""Whether a process may have the memory that the smallest diagnosis takes, told before work begins.
+"""Whether a process may have the memory that the smallest diagnosis takes, checked before work begins.
 
-Libraries in C end the process where they get no memory, without a word or with one of their own: that cannot be told
-any more when it happens.
+Libraries in C end the process where they get no memory, without a word or with one of their own: when it happens, it is
+too late to report it.
 """
 
 from __future__ import annotations

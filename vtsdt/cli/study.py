@@ -62,6 +62,7 @@ def check(arguments: Sequence[str]) -> int:
         "columns, rates, and which parameters these recordings cannot show. Nothing is fitted.",
     )
     parser.add_argument("study", metavar="STUDY.toml", help="the study file")
+    parser.add_argument("--json", action="store_true", help="print faults, warnings and facts as JSON")
     common(parser, out=False)
     args = parser.parse_args(list(arguments))
     if args.out is not None:
@@ -79,7 +80,9 @@ def catalogue(arguments: Sequence[str]) -> int:
         description="List every effect that fits a study's model, by kind and place, and what [candidates] keeps.",
     )
     parser.add_argument("study", metavar="STUDY.toml", help="the study file")
-    parser.add_argument("--names", action="store_true", help="print the candidates as kind@where, one a line")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--names", action="store_true", help="print the candidates as kind@where, one a line")
+    form.add_argument("--json", action="store_true", help="print every effect, and whether it is a candidate, as JSON")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     args = parser.parse_args(list(arguments))
     from discrepancy.study.command import list_catalogue

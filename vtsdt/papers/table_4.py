@@ -349,7 +349,7 @@ def _text(family: Sequence[tuple[str, LiftParameters, TripEnergy, TripEnergy]]) 
         f"one of them of the straightened column ({numbers}). The original column alone does not determine the "
         "cabin's centre of mass: with the guides' stiffness, the counterweight's rail and its mass fitted again, every "
         "bench below meets it, and they differ in what straightening saves. E_m and η_t follow from the fitted "
-        "figures by the energy balance. What remains a prediction is told row by row, by what the same figure becomes "
+        "figures by the energy balance. What remains a prediction is shown row by row, by what the same figure becomes "
         f"on {DRAWS} other benches that meet the fitted figures as well.",
         "",
         "| centre of mass in y | stiffness | E_c original | E_m | η_t | E_c straightened |",

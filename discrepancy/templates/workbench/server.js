@@ -12,6 +12,15 @@ const wb = (function () {
     const body = JSON.stringify(given || {});
     return answer(await fetch(`/${path}?token=${encodeURIComponent(token)}`, { method: "POST", body }));
   }
+  /* For paper: what is printed has to stand there before the printing begins.  Null where the server does not answer. */
+  function sendAndWait(path, given) {
+    const request = new XMLHttpRequest();
+    try {
+      request.open("POST", `/${path}?token=${encodeURIComponent(token)}`, false);
+      request.send(JSON.stringify(given));
+      return request.status === 200 ? JSON.parse(request.responseText) : null;
+    } catch { return null; }
+  }
   async function answer(response) {
     const found = await response.json();
     if (!response.ok) throw new Error(found.error || response.statusText);
@@ -49,7 +58,7 @@ const wb = (function () {
     return Number(v).toExponential(2).replace(/\.?0*e\+?/, "e");
   }
   return {
-    ask, send, act, complain, element, svg, select, digits, $,
+    ask, send, sendAndWait, act, complain, element, svg, select, digits, $,
     state: null, // what the server said last
     chosen: { view: "time", record: "", against: 1, candidate: "", output: "", values: null, span: null, place: "" },
     times: {}, // ms: first picture since the page was opened, the latest figure since it was asked for

@@ -40,7 +40,7 @@ wb.views = (function () {
     const records = state.records.map((r) => [r.name, `${r.name} (${r.part === "identify" ? "fitted" : "held out"})`]);
     if (!records.some(([name]) => name === chosen.record)) { chosen.record = records[0][0]; chosen.span = null; }
     row.replaceChildren();
-    if (["time", "spectra"].includes(chosen.view)) row.append(select("record", records, chosen.record, (v) => { chosen.record = v; chosen.span = null; drawing = null; show().catch(wb.complain); }));
+    if (["time", "spectra"].includes(chosen.view)) row.append(select("record", records, chosen.record, (v) => { chosen.record = v; drawing = null; show().catch(wb.complain); }));
     if (chosen.view === "motion") row.append(select("output", state.outputs.map((o) => [o.name, o.name]), output(), (v) => { chosen.output = v; show().catch(wb.complain); }));
     if (!["time", "table"].includes(chosen.view)) return;
     const stages = [...state.stages.map((s, k) => [String(k), `compare with: ${s.title}`]), ...state.kept.map((s, k) => [String(state.stages.length + k), `compare with the branch: ${s.name}`])];
@@ -63,21 +63,32 @@ wb.views = (function () {
     drawing = null;
     return show();
   }
+  const wanted = () => {
+    const [start, stop] = chosen.span || [null, null], columns = Math.ceil($("view").clientWidth * devicePixelRatio);
+    return { record: chosen.record, start, stop, against: chosen.against, predict: chosen.candidate, values: chosen.values, columns };
+  };
   /* Figures drawn because the person scrolled to them are not counted: nothing was asked of the model. */
   async function drawTime(counted = true) {
-    const begun = performance.now(), [start, stop] = chosen.span || [null, null];
-    const given = { record: chosen.record, start, stop, against: chosen.against, predict: chosen.candidate, values: chosen.values };
+    const begun = performance.now(), given = wanted();
     if (drawing) given.outputs = drawing.inSight(); // the numbers of the others are asked for when they come into sight
     const figures = await wb.send("figures", given);
-    if (chosen.view !== "time" || !figures.length) return;
+    if (chosen.view !== "time" || !figures.length || given.record !== chosen.record) return;
+    if (!drawing && chosen.span) { // the stretch of another record: what this one has of it, or all of it
+      const [from, to] = figures[0].whole, low = Math.max(from, chosen.span[0]), high = Math.min(to, chosen.span[1]);
+      const outside = !(high > low);
+      chosen.span = outside ? null : [low, high];
+      if (outside) return drawTime(counted);
+    }
     if (drawing) drawing.update(figures);
     else {
       const box = element("div", undefined, { className: "zoom" });
       $("view").replaceChildren(box);
       $("view").dataset.view = "time";
-      drawing = vtsdtZoom.draw(box, figures, { onZoom: zoomed, onSight: () => drawTime(false).catch(wb.complain), onMark: (figure, mark) => drawing.show(mark[0], mark[1], true) });
+      drawing = vtsdtZoom.draw(box, figures, { onZoom: zoomed, onSight: () => drawTime(false).catch(wb.complain), onPrint: () => wb.sendAndWait("figures", wanted()), onMark: (figure, mark) => drawing.show(mark[0], mark[1], true) });
       drawing.whole = figures[0].whole;
       if (chosen.span) drawing.show(chosen.span[0], chosen.span[1], false);
+      const leave = document.querySelector("button.leave");
+      if (leave) leave.textContent = leaveWords();
     }
     await new Promise(requestAnimationFrame); // what uPlot has put off until the end of this task is drawn by then
     if (!counted) return;
@@ -86,7 +97,7 @@ wb.views = (function () {
     document.body.dataset.figures = String(Number(document.body.dataset.figures || 0) + 1);
   }
   function zoomed(from, to) {
-    chosen.span = [from, to];
+    chosen.span = from > drawing.whole[0] || to < drawing.whole[1] ? [from, to] : null;
     const leave = document.querySelector("button.leave");
     if (leave) leave.textContent = leaveWords();
     clearTimeout(later);

@@ -38,7 +38,7 @@ class Score:
     ----------
     right : bool
         Nothing hidden and nothing named; every hidden effect in the answer and nothing else named; or, outside the
-        catalogue, told as unknown and nothing named.
+        catalogue, reported as unknown, and nothing named.
     first : bool
         The first effect named is hidden.
     in_set : bool
@@ -120,7 +120,7 @@ def _is_one_of(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _set_of(effect: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
-    """Return the names among which an effect was told, itself first."""
+    """Return the names among which an effect was named, itself first."""
     probable = _probable(effect, answer)
     others = effect.get("indistinguishable_from", []) if probable is None else probable.get("set", [])
     return list(dict.fromkeys([_name(effect), *map(_name, others)]))

@@ -32,13 +32,13 @@ def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
 
     return [
         count("right", graded, flag("right")),
-        count("nothing missing, told so", of("none"), flag("right")),
+        count("nothing missing, and the answer says so", of("none"), flag("right")),
         count(f"truth first, {VISIBLE:g} nats or more", plain, flag("first")),
         count(f"truth in the set, {VISIBLE:g} nats or more", plain, flag("in_set")),
         count(f"truth in the set, below {VISIBLE:g} nats", faint, flag("in_set")),
         count(f"a confident wrong name, below {VISIBLE:g} nats", faint, flag("confident_wrong")),
         count("cases with effects named that are not there", graded, lambda r: int(r["invented"] or 0) > 0),
-        count("outside the catalogue, told as unknown", of("outside"), flag("unknown")),
+        count("outside the catalogue, reported as unknown", of("outside"), flag("unknown")),
         count("outside the catalogue, a wrong name", of("outside"), lambda r: int(r["invented"] or 0) > 0),
         count("pairs, both in the set", of("pair"), flag("in_set")),
         count("masking pairs, both in the set", of("masking"), flag("in_set")),

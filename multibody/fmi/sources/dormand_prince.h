@@ -2,7 +2,7 @@
 
    Coefficients: Dormand and Prince (1980), J. Comput. Appl. Math. 6, 19-26; step control: Hairer, Norsett, Wanner,
    Solving Ordinary Differential Equations I, II.4, and II, IV.2.  Step for step as the simulation that the model comes
-   from: same tolerances, same first step, and no step in which a narrow feature (a rail joint, a gear tooth) passes by
+   from, at tolerances of its own: same first step, and no step in which a narrow feature (a rail joint, a gear tooth) passes by
    unseen.  Inputs run from the values that were set with the slopes that were set.                                  */
 
 enum { STAGES = 7, LAST = STAGES - 1 };
