@@ -351,6 +351,7 @@ def fit_noise(
     start: NoiseModel | None = None,
     *,
     grow: bool = True,
+    reduce: bool = True,
 ) -> tuple[NoiseModel, float]:
     """Return the noise model with the largest restricted likelihood, and that likelihood.
 
@@ -367,7 +368,9 @@ def fit_noise(
         With the standard deviation that moves some output by its noise.
     start : NoiseModel, optional
     grow : bool
-        False: fit the standard deviations of ``start`` only.
+        False: add no process to those of ``start``.
+    reduce : bool
+        False: keep all of them, whether they earn their price or not.
     """
 
     def likelihood(model: NoiseModel) -> float:
@@ -380,7 +383,8 @@ def fit_noise(
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
     model, best = climb(*_with_correlation(start, records, likelihood, floor))
-    model, best = _without_needless(model, best, likelihood, climb)
+    if reduce:
+        model, best = _without_needless(model, best, likelihood, climb)
     promising = list(candidates)
     rows = sum(r.residual.size for r in records)
     thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
@@ -409,7 +413,7 @@ def fit_noise(
         fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
         if value < best + WORTH:
             break
-        model, best = _without_needless(fitted, value, likelihood, climb)
+        model, best = _without_needless(fitted, value, likelihood, climb) if reduce else (fitted, value)
     return model, best
 
 
