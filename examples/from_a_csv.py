@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,20 +161,55 @@ def run(*words: str) -> None:
         raise SystemExit(code)
 
 
-def diagnose(study: Path) -> dict[str, object]:
+def diagnose(study: Path) -> dict[str, Any]:
     """Check and diagnose a study; return its diagnosis."""
     run("check", str(study), "--out", str(study.parent / "check"))
     run("diagnose", str(study), "--out", str(study.parent / "diagnosis"))
     return dict(json.loads((study.parent / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8")))
 
 
-def main(folder: Path) -> None:
-    """Take the machines from their files to the named effect, and tell how long each took."""
+def name(effect: dict[str, Any]) -> str:
+    """Return the name of an effect of a diagnosis, as kind@where."""
+    return f"{effect['kind']}@{effect['where']}"
+
+
+def was_found(machine: Machine, diagnosis: dict[str, Any]) -> bool:
+    """Return whether a diagnosis names what is missing, alone or among effects that the recording cannot tell apart."""
+    return any(
+        machine.missing in [name(each) for each in (effect, *effect["indistinguishable_from"])]
+        for effect in diagnosis["effects"]
+    )
+
+
+def outcome(machine: Machine, diagnosis: dict[str, Any]) -> str:
+    """Return in words what was missing, what was named, and the error before and after on rows that were not fitted."""
+    first, *_, last = (stage["validate"] for stage in diagnosis["stages"])
+    units = diagnosis["units"]
+    errors = [f"{n} {first[n]['rmse']:.3g} -> {last[n]['rmse']:.3g} {units.get(n, '')}".rstrip() for n in first]
+    named = []
+    for effect in diagnosis["effects"]:
+        others = [name(each) for each in effect["indistinguishable_from"]]
+        named.append(name(effect) + (f" (or {', '.join(others)}: not to be told apart)" if others else ""))
+    lead = "found" if was_found(machine, diagnosis) else "NOT FOUND"
+    return (
+        f"{machine.kind}: {machine.missing} is missing: {lead}\n"
+        f"  verdict: {diagnosis['verdict']}; named: {'; '.join(named) or 'nothing'}\n"
+        f"  error on the rows held out, as given -> at the end: {', '.join(errors)}"
+    )
+
+
+def main(folder: Path) -> int:
+    """Take the machines from their files to the named effect, say how each ended, return how many were not found."""
+    folder.mkdir(parents=True, exist_ok=True)
+    told, lost = [], 0
     for machine in MACHINES:
         begun = time.perf_counter()
         found = diagnose(start(machine, folder))
-        named = [f"{effect['kind']}@{effect['where']}" for effect in found["effects"]]  # type: ignore[attr-defined]
-        print(f"=== {machine.kind}: missing {machine.missing}, named {named}, {time.perf_counter() - begun:.0f} s\n")
+        told.append(f"{outcome(machine, found)}\n  {time.perf_counter() - begun:.0f} s")
+        lost += not was_found(machine, found)
+        print()
+    print(*told, f"{len(MACHINES) - lost} of {len(MACHINES)} effects were found", sep="\n")
+    return lost
 
 
 if __name__ == "__main__":

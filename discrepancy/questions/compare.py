@@ -11,6 +11,7 @@ import numpy as np
 from discrepancy.drawing.comparison_figure import comparison_figure
 from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import Agreement, agreement, coherence, spectral_density
+from multibody.base.quantity_text import unit_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -186,13 +187,12 @@ class Comparison:
         worst = max(self.signals, key=lambda s: s.over_noise or s.figures.nrmse)
         rows = []
         for output in pooled[parts[0]]:
-            unit = self.of(output=output)[0].unit
-            cells = [
-                f"{pooled[part][output].rmse:.4g} {unit} ({100.0 * pooled[part][output].nrmse:.3g} %)" for part in parts
-            ]
-            rows.append((output, *cells))
-        label = f"{worst.output} [{worst.unit or '1'}]"
-        panels = [(label, {"measured": worst.measured, "model": worst.model}), ("residual", {"": worst.residual})]
+            unit = unit_text(self.of(output=output)[0].unit) or "1"
+            cells = [f"{pooled[part][output].rmse:.4g} ({100.0 * pooled[part][output].nrmse:.3g} %)" for part in parts]
+            rows.append((f"{output} [{unit}]", *cells))
+        unit = f"[{unit_text(worst.unit) or '1'}]"
+        signals = {"measured": worst.measured, "model": worst.model}
+        panels = [(f"{worst.output} {unit}", signals), (f"residual {unit}", {"": worst.residual})]
         header = ("output", *("RMS error, fitted" if part == "identify" else "RMS error, held out" for part in parts))
         text = f"The worst: {worst.output} on record '{worst.record}'."
         title = f"Model '{self.stage}' against measurement"

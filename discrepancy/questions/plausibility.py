@@ -279,8 +279,11 @@ def _excitation(problem: Problem, responses: Sequence[Response], notes: _Notes) 
         known = q.std if np.isfinite(q.std) else abs(q.value)
         if not felt or std > NARROWED * known > 0.0:
             notes.warnings.append(
-                f"parameter '{q.name}': these records cannot show it (at best ±{std:.2g} {q.unit}, known before to "
-                f"±{known:.2g}): take it out of [uncertain], or record a motion that it changes"
+                f"parameter '{q.name}': these records cannot show it (to ±{std:.2g} {q.unit} at best; it was known "
+                f"to ±{known:.2g} before): take it out of [uncertain], or record a motion that it changes"
             )
         else:
-            notes.facts.append(f"parameter '{q.name}': at best ±{std:.2g} {q.unit} from sensor noise alone")
+            notes.facts.append(
+                f"parameter '{q.name}': these records can show it to ±{std:.2g} {q.unit}, if the sensors' noise is "
+                "the only disturbance"
+            )

@@ -13,7 +13,7 @@ from discrepancy.sensitivities.disturbance import DisturbanceForce, accumulating
 from discrepancy.sensitivities.free_curve_scan import FreeCurveScan, free_curve_error_drops, scan_free_curves
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from estimation.signals.preparation import Preparation
-from multibody.base.quantity_text import count_text
+from multibody.base.quantity_text import count_text, unit_text
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult
@@ -168,12 +168,13 @@ class Stage:
 
         fit = self.identify.fits[0]
         experiment, output = fit.experiment, self.outputs[0]
+        units = {name: unit_text(self.system.unit(name)) or "1" for name in self.outputs}
         lines = {"measured": experiment.measured[:, 0], "model": fit.response.outputs[:, 0]}
-        figure = small_figure(experiment.time, [(f"{output} [{self.system.unit(output) or '1'}]", lines)])
-        rows = [(name, f"{error:.4g} {self.system.unit(name)}") for name, error in self.rmse("identify").items()]
+        figure = small_figure(experiment.time, [(f"{output} [{units[output]}]", lines)])
+        rows = [(name, f"{error:.4g}", units[name]) for name, error in self.rmse("identify").items()]
         effects = f"With {', '.join(map(str, self.effects))}." if self.effects else "Without effects."
         title = f"Stage '{self.name}'"
-        header = ("output", "root mean square error")
+        header = ("output", "root mean square error", "unit")
         return notebook_view(title, rows, header=header, text=f"{effects} Record '{experiment.name}':", figure=figure)
 
     def __repr__(self) -> str:

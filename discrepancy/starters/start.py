@@ -178,7 +178,7 @@ def start_study(
     if machine and machine not in KINDS:
         raise StudyError([f"--machine {machine}: there is no such kind{nearest_or_choices(machine, KINDS)}"])
     if (folder / "study.toml").exists():
-        raise StudyError([f"{folder}: holds a study already: name another folder with --out"])
+        raise StudyError([f"{folder}: there is a study in it already: name another folder with --out"])
     files = _files(data)
     progress("read the columns")
     found = read_columns(files, time)
@@ -296,7 +296,7 @@ def _drafted(
     draft.assumed.append(f"it is driven by {drive.what}")
     draft.tell_columns()
     if kind.fixed:
-        draft.assumed.append(f"stays as it is in model.py, put it right there: {kind.fixed}")
+        draft.assumed.append(f"a typical value was taken, put yours into model.py: {kind.fixed}")
     return draft
 
 

@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.files.faults import RecordError
-from multibody.base.quantity_text import count_text
+from multibody.base.quantity_text import count_text, unit_text
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["OwnSamples", "Record", "RecordedSignal"]
+
+MOST_LISTED = 12  # signals in a notebook's table
+MOST_DRAWN = 3  # and in its figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +126,14 @@ class Record:
     def _repr_html_(self) -> str:
         from multibody.base.notebook import notebook_view, small_figure
 
-        rows = [(key, s.unit or "1", s.column) for key, s in self.signals.items()]
-        if len(rows) > 12:
-            rows = [*rows[:12], (f"and {len(rows) - 12} more", "", "")]
-        panels = [(f"{key} [{s.unit or '1'}]", {key: s.values}) for key, s in list(self.signals.items())[:3]]
+        rows = [(key, unit_text(s.unit) or "1", s.column) for key, s in self.signals.items()]
+        if len(rows) > MOST_LISTED + 1:  # a line that stands for one signal is no shorter than the signal
+            rows = [*rows[:MOST_LISTED], (f"and {len(rows) - MOST_LISTED} more", "", "")]
+        drawn = list(self.signals.items())[:MOST_DRAWN]
+        panels = [(f"{key} [{unit_text(s.unit) or '1'}]", {key: s.values}) for key, s in drawn]
         text = f"{len(self.time)} samples over {self.duration:.4g} s at {self.rate:.5g} Hz, from {self.path.name}."
+        if len(drawn) < len(self.signals):
+            text += f" Drawn are the first {len(drawn)} of {len(self.signals)} signals."
         if self.warnings:
             text += f" {count_text(len(self.warnings), 'warning')}: {'; '.join(self.warnings)}"
         figure = small_figure(self.time, panels) if panels else None

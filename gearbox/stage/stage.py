@@ -76,7 +76,9 @@ class GearStage(GearModel):
         height = np.where(np.isin(lines, mesh), 1.0, 0.3)
         x = np.repeat(lines, 3)
         y = np.stack([np.zeros_like(height), height, np.zeros_like(height)], axis=1).ravel()
-        figure = small_figure(x, [("", {"mesh lines": y})], across="order of the input shaft")
+        figure = small_figure(
+            x, [("drawn height [1]", {"mesh lines and sidebands": y})], across="order of the input shaft [1]"
+        )
         return notebook_view(f"Gear stage '{self.name}'", rows, figure=figure)
 
     def simulate(self, speed: float, torque: float, duration: float = 1.0, **options: Any) -> Trajectory:

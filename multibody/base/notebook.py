@@ -19,7 +19,7 @@ __all__ = ["notebook_view", "small_figure"]
 
 #: Colours of Okabe and Ito that differ in lightness, and the dashes that tell lines apart without colour.
 STYLES: tuple[tuple[str, Any], ...] = (("#000000", "-"), ("#D55E00", (0, (5, 1.6))), ("#0072B2", "-"), ("#009E73", ":"))
-_TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%"
+_TABLE = "border-collapse:collapse;margin:4px 0;font-size:90%;overflow-wrap:normal"
 _CELL = "padding:1px 10px 1px 0;vertical-align:top"
 
 
@@ -44,13 +44,15 @@ def notebook_view(
         A sentence below the title.
     figure : Figure, optional
     """
-    parts = [f"<div style='max-width:52em'><strong>{escape(title)}</strong>"]
+    parts = [f"<div style='max-width:min(52em,100%);overflow-wrap:anywhere'><strong>{escape(title)}</strong>"]
     if text:
         parts.append(f"<p style='margin:4px 0'>{escape(text)}</p>")
     lines = [_line("th", header)] if header else []
     lines += [_line("td", row) for row in rows]
     if lines:
-        parts.append(f"<div style='overflow-x:auto'><table style='{_TABLE}'>{''.join(lines)}</table></div>")
+        parts.append(
+            f"<div style='overflow-x:auto;max-width:100%'><table style='{_TABLE}'>{''.join(lines)}</table></div>"
+        )
     if figure is not None:
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=100)
@@ -62,9 +64,10 @@ def notebook_view(
 
 def _line(tag: str, cells: Sequence[str]) -> str:
     first, *others = cells
+    whole = ";white-space:nowrap" if tag == "td" else ""  # a number in two lines is another number
     return (
         f"<tr><{tag} style='{_CELL};text-align:left'>{escape(first)}</{tag}>"
-        + "".join(f"<{tag} style='{_CELL};text-align:right'>{escape(cell)}</{tag}>" for cell in others)
+        + "".join(f"<{tag} style='{_CELL};text-align:right{whole}'>{escape(cell)}</{tag}>" for cell in others)
         + "</tr>"
     )
 

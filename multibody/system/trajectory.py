@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.base.quantity_text import count_text
+from multibody.base.quantity_text import count_text, unit_text
 from multibody.base.spelling import nearest
 from multibody.system.compiled import CompiledSystem
 
@@ -139,16 +139,17 @@ class Trajectory:
         names = self.system.state_names or self.system.output_names
         panels: dict[str, dict[str, np.ndarray]] = {}
         for name in names:
-            lines = panels.setdefault(f"[{self.unit(name) or '1'}]", {})
+            lines = panels.setdefault(f"[{unit_text(self.unit(name)) or '1'}]", {})
             if len(lines) < 3:
                 lines[name] = self[name]
+        named = [(f"{next(iter(y))} {label}" if len(y) == 1 else label, y) for label, y in panels.items()]
         t = self.times
         rows = [
             ("samples", f"{t.size} from {t[0]:g} s to {t[-1]:g} s"),
             ("states, inputs, outputs", f"{self.states.shape[1]}, {self.inputs.shape[1]}, {len(self.system.outputs)}"),
             ("method", str(self.statistics.get("method", "?"))),
         ]
-        figure = small_figure(t, list(panels.items())[:3]) if panels else None
+        figure = small_figure(t, named[:3]) if named else None
         return notebook_view(f"Simulation of '{self.system.name}'", rows, figure=figure)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""A folder that fills: files are offered when they have stopped growing, in the order of their time.
+"""A folder into which files are written: each is offered when it has stopped growing, in the order of their time.
 
 Time differences come from the monotonic clock, so that a jump of the computer's clock neither hides a file nor offers a
 half written one.

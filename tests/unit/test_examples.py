@@ -199,6 +199,19 @@ def test_a_study_started_from_a_csv_fits_its_recording(tmp_path):
     example.run("check", str(study))
 
 
+def test_how_a_machine_ended_is_said_as_it_is():
+    example = from_a_csv()
+    machine = example.MACHINES[1]
+    stages = [{"validate": {"carriage.position": {"rmse": rmse}}} for rmse in (0.0147, 0.0146, 2.1e-6)]
+    effect = {"kind": "viscous_friction", "where": "guide", "indistinguishable_from": []}
+    found = {"verdict": "effect found", "effects": [effect], "stages": stages, "units": {"carriage.position": "m"}}
+    assert "coulomb_friction@guide is missing: NOT FOUND" in example.outcome(machine, found)
+    assert "carriage.position 0.0147 -> 2.1e-06 m" in example.outcome(machine, found)
+    effect["indistinguishable_from"] = [{"kind": "coulomb_friction", "where": "guide"}]
+    assert "coulomb_friction@guide is missing: found" in example.outcome(machine, found)
+    assert "named: nothing" in example.outcome(machine, {**found, "effects": []})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("place", range(4))
 def test_from_a_csv_to_the_missing_effect(place, tmp_path):

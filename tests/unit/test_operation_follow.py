@@ -1,4 +1,4 @@
-"""`vtsdt follow` on a folder that fills and on a broker: partly written, twice, out of order, restarted."""
+"""`vtsdt follow` on a folder and on a broker: files written in parts, twice, out of order, restarted."""
 
 from __future__ import annotations
 

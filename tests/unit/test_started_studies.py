@@ -213,7 +213,7 @@ def test_what_is_missing_is_told_with_the_remedy(words, told, tmp_path, capsys):
 def test_a_folder_with_a_study_is_left_alone(started, capsys):
     before = started.path.read_bytes()
     data = started.path.parent / "records" / "fit.csv"
-    assert "holds a study already" in refused(
+    assert "there is a study in it already" in refused(
         ["init", str(data), "--machine", "mass-spring", "--out", str(started.path.parent)], capsys
     )
     assert started.path.read_bytes() == before

@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_study_history import problem_of
 
+from discrepancy.stages.errors_view import errors_view
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.left_out import Stretch, without_stretches
 from discrepancy.study.script import replay, script_of
 from discrepancy.study.study import Study
+from estimation.files.record import Record, RecordedSignal
 
 NAME = "coulomb_friction@guide"
 
@@ -169,6 +172,37 @@ def test_notebooks_show_short_tables_with_a_small_figure(stepped, tmp_path: Path
     assert "<html" in page.read_text(encoding="utf-8")
     assert [p.name for p in tmp_path.iterdir()] == ["x.html"]
     assert len(study.plot().axes) == 1
+
+
+def test_a_notebook_says_which_outputs_are_not_drawn():
+    """Eight outputs: all are in the table, with units, and four are drawn."""
+    outputs = [f"mass{k}.position" for k in range(8)]
+
+    def stage(name: str, share: float) -> SimpleNamespace:
+        errors = {n: share ** (k + 1) for k, n in enumerate(outputs)}
+        system = SimpleNamespace(unit=lambda n: "m**2")
+        return SimpleNamespace(
+            name=name, outputs=outputs, system=system, fits=lambda part: (), rmse=lambda part: errors
+        )
+
+    html = errors_view("Study", [stage("as given", 1.0), stage("recalibrated", 0.9)])
+    assert "Drawn are the 4 of 8 outputs whose error changed most." in html
+    assert all(f"{n} [m²]</td>" in html for n in outputs)
+
+
+@pytest.mark.parametrize(("count", "last"), [(13, "s12</td>"), (14, "and 2 more</td>")])
+def test_a_line_never_stands_for_a_single_signal(count, last):
+    t = np.linspace(0.0, 1.0, 11)
+    signals = {
+        f"s{k}": RecordedSignal(values=t + k, unit="kg*m**2", column=f"column{k}", measured_unit="")
+        for k in range(count)
+    }
+    html = Record(name="run", path=Path("run.csv"), time=t, signals=signals)._repr_html_()
+    assert last in html
+    assert "and 1 more" not in html
+    assert f"Drawn are the first 3 of {count} signals." in html
+    assert "s0" in html
+    assert "kg·m²</td>" in html
 
 
 def test_an_effect_that_leaves_an_output_far_off_explains_in_part():

@@ -19,7 +19,12 @@ def main(arguments: Sequence[str]) -> int:
     )
     add = parser.add_argument
     add("study", metavar="STUDY.toml", help="the study file; [follow] and [alarms] say how")
-    add("--source", metavar="FOLDER|mqtt://…", required=True, help="a folder that fills, or a broker and topic")
+    add(
+        "--source",
+        metavar="FOLDER|mqtt://…",
+        required=True,
+        help="a folder of recordings to come, or a broker and topic",
+    )
     add("--machine", metavar="NAME", help="name of the machine in the history; default: the study's")
     add("--pattern", metavar="PATTERN", action="append", help="of the file names; default: CSV, Parquet, MATLAB")
     add("--poll", metavar="S", type=number(True, "time"), default=1.0, help="between two looks (default 1 s)")

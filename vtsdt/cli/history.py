@@ -13,7 +13,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt history``."""
     parser = Parser(
         prog="vtsdt history",
-        description="Show the state of every machine in a folder that `vtsdt follow` fills, what has changed and since "
+        description="Show the state of every machine that `vtsdt follow` keeps in a folder, what has changed and since "
         "when; or export it, or note what was done to a machine.",
     )
     add = parser.add_argument
