@@ -241,11 +241,16 @@ def fitted_noise(
     start: NoiseModel | None,
     *,
     grow: bool = True,
+    reduce: bool = True,
 ) -> FittedNoise:
-    """Return the noise model of a residual; ``start`` is that of a neighbouring model."""
+    """Return the noise model of a residual; ``start`` is that of a neighbouring model.
+
+    ``grow`` and ``reduce`` tell whether processes may be added to it and taken out.
+    """
     noise = noise_floor(linearised)
     candidates = _candidates(linearised, records, noise) if grow else []
-    model, value = fit_noise(columns, prior_std, prior_offset, LEAST_NOISE * noise, candidates, start=start, grow=grow)
+    floor = LEAST_NOISE * noise
+    model, value = fit_noise(columns, prior_std, prior_offset, floor, candidates, start=start, grow=grow, reduce=reduce)
     change = likeliest_change(columns, model, prior_std, prior_offset)
     return FittedNoise(model=model, log_likelihood=value, records=tuple(records), change=change)
 
