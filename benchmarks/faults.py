@@ -1,6 +1,7 @@
 """Faults from outside while a diagnosis runs: kills, full disks, memory limits, two processes, clock jumps; the page.
 
-``python benchmarks/faults.py [--only "killed,disk full"] [--count N] [--keep FILE] [--page docs/benchmarks/faults.md]``
+``python benchmarks/faults.py [--only "killed,disk full"] [--count N] [--seed N] [--keep FILE]
+[--page docs/benchmarks/faults.md]``
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", help=f"kinds, separated by commas, of: {', '.join(KINDS)}")
     parser.add_argument("--count", type=int, help="how often each kind is tried")
-    parser.add_argument("--keep", type=Path, help="file of outcomes: what is in it is not tried again")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments and sizes; each has cases of its own")
+    parser.add_argument("--keep", type=Path, help="file of outcomes of one seed: what is in it is not tried again")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no further fault after so long")
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()
@@ -53,7 +55,7 @@ def main() -> int:
             for kind, k in todo:
                 if time.monotonic() - begun > given.seconds:
                     break
-                rng = np.random.default_rng([KINDS.index(kind), k])  # each of its own: a run may be continued
+                rng = np.random.default_rng([KINDS.index(kind), k, given.seed])  # each of its own: it may go on
                 outcome = try_fault(kind, bench, rng, Path(temporary) / "case")
                 kept[kind, k] = outcome.wrong, outcome.code
                 if given.keep:

@@ -13,7 +13,7 @@ from discrepancy.conclusion.conclusion import HiddenEffect, NegligibleEffect
 from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.checks import Check
-from discrepancy.evidence.posterior import Posterior
+from discrepancy.evidence.posterior import UNKNOWN, Posterior
 from discrepancy.questions.explained_share import explained_share
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
@@ -35,6 +35,8 @@ __all__ = [
 
 #: Multiple of its noise, and share of its spread, from which an output's error is said to be large: chosen.
 LARGE_OVER_NOISE, LARGE_OVER_SPREAD = 10.0, 0.1
+#: Probability of effects that were not named from which it is said.
+LEAST_UNNAMED = 0.1
 #: Relative change of an error below which it is said to stay.
 SAME_ERROR = 0.01
 #: Things to do next that are listed.
@@ -238,7 +240,7 @@ def probability_sentence(probabilities: Posterior) -> str:
     if not probabilities.effects:
         return (
             f"Probability that nothing is missing which would matter: {percent_words(probabilities.nothing)}; that "
-            f"something outside the catalogue is: {percent_words(probabilities.unknown)}."
+            f"something outside the catalogue is: {percent_words(probabilities.unknown)}{_unnamed(probabilities)}."
         )
     parts = []
     for effect in probabilities.effects:
@@ -249,6 +251,20 @@ def probability_sentence(probabilities: Posterior) -> str:
         ]
         parts.append(f"{name} {percent_words(effect.probability)}" + (f", or {', or '.join(others)}" if others else ""))
     return f"Probabilities: {'; '.join(parts)}."
+
+
+def _unnamed(probabilities: Posterior) -> str:
+    """Return how probable effects are that were not named, and the first of them; an empty text where hardly."""
+    unnamed = {k: p for k, p in probabilities.models.items() if k and not any(n.startswith(UNKNOWN) for n in k)}
+    whole = sum(unnamed.values())
+    if whole < LEAST_UNNAMED:
+        return ""
+    names, most = max(unnamed.items(), key=lambda t: t[1])
+    first = " with ".join(f"{kind_title(n.partition('@')[0])} at {n.partition('@')[2]}" for n in names)
+    return (
+        f"; that an effect is which these records do not show well enough to be named: {percent_words(whole)}, most "
+        f"probably {first} ({percent_words(most)})"
+    )
 
 
 def percent_words(probability: float) -> str:

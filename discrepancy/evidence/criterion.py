@@ -1,7 +1,8 @@
 """The criterion of the search: the log marginal likelihood of one model, by Laplace's approximation.
 
 One function of one model, so that differences are antisymmetric and add up.  Parameters of calibration and effects are
-integrated out around the fit; variances of noise and latent forces maximise the restricted likelihood.
+integrated out around the fit; variances of noise and latent forces maximise the restricted likelihood.  So a latent
+process pays what it had to earn to become part of the noise: an explanation by chance is not free beside an effect.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.likelihood import StageLikelihood, noise_floor
+from discrepancy.innovations.noise_fit import WORTH
 
 ROUNDING = 1e-6  # share of an effect's largest strength below zero that counts as zero
 
@@ -62,16 +64,20 @@ class Evidence:
         Density of the strengths at the fit, with (2π)^½ for each strength that was integrated out.
     log_odds : float
         Log prior probability of the model.
+    log_noise : float
+        What the latent processes of the noise cost, whose sizes and memories are maximised over and not integrated out:
+        negative, or zero without any.
     """
 
     log_likelihood: float
     log_prior: float
     log_odds: float
+    log_noise: float = 0.0
 
     @property
     def total(self) -> float:
         """Their sum."""
-        return self.log_likelihood + self.log_prior + self.log_odds
+        return self.log_likelihood + self.log_prior + self.log_odds + self.log_noise
 
 
 def strength_scale(blocks: Sequence[np.ndarray], noise: np.ndarray) -> np.ndarray:
@@ -122,5 +128,8 @@ def log_evidence(likelihood: StageLikelihood, prior: ModelPrior) -> Evidence:
             log_prior += log_prior_of_strengths(values[moved], scale, effect.definition.one_sided)
         log_prior += 0.5 * len(moved) * math.log(2.0 * math.pi)
     return Evidence(
-        log_likelihood=fitted.log_likelihood, log_prior=log_prior, log_odds=prior.log_probability(stage.effects)
+        log_likelihood=fitted.log_likelihood,
+        log_prior=log_prior,
+        log_odds=prior.log_probability(stage.effects),
+        log_noise=-WORTH * len(fitted.model.processes),
     )

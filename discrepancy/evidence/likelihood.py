@@ -104,10 +104,15 @@ class StageLikelihood:
             factor = max(1, min(int(np.ceil(rows / ROWS)), shortest // SHORTEST))
             problem = stage.linearised_problem(replace(given, average=given.average * factor))
             # the noise of recorded inputs is a latent process here
-            quiet = tuple(replace(f, experiment=replace(f.experiment, input_noise={})) for f in fits)
+            quiet = tuple(replace(f, experiment=f.experiment.without_input_noise()) for f in fits)
             self._kept["linearised"] = problem.with_calibration(replace(stage.identify, fits=quiet))
         linearised: LinearisedProblem = self._kept["linearised"]
         return linearised
+
+    def free_memory(self) -> None:
+        """Drop what is as long as the records and seldom asked for again; it is computed again where it is."""
+        if "linearised" in self._kept:
+            self._kept["linearised"].drop_runs()
 
     @property
     def left_out(self) -> tuple[np.ndarray, ...]:
@@ -236,11 +241,16 @@ def fitted_noise(
     start: NoiseModel | None,
     *,
     grow: bool = True,
+    reduce: bool = True,
 ) -> FittedNoise:
-    """Return the noise model of a residual; ``start`` is that of a neighbouring model."""
+    """Return the noise model of a residual; ``start`` is that of a neighbouring model.
+
+    ``grow`` and ``reduce`` tell whether processes may be added to it and taken out.
+    """
     noise = noise_floor(linearised)
     candidates = _candidates(linearised, records, noise) if grow else []
-    model, value = fit_noise(columns, prior_std, prior_offset, LEAST_NOISE * noise, candidates, start=start, grow=grow)
+    floor = LEAST_NOISE * noise
+    model, value = fit_noise(columns, prior_std, prior_offset, floor, candidates, start=start, grow=grow, reduce=reduce)
     change = likeliest_change(columns, model, prior_std, prior_offset)
     return FittedNoise(model=model, log_likelihood=value, records=tuple(records), change=change)
 

@@ -7,13 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import contained, effect_of
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.predictive import simulation_gain
+from discrepancy.evidence.predictive import changed_share, simulation_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, proposed_effects
 from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.stages.stage import Stage
@@ -121,6 +123,7 @@ class TriedModel:
                 "log_likelihood": evidence.log_likelihood,
                 "log_prior_density": evidence.log_prior,
                 "log_prior_odds": evidence.log_odds,
+                "log_noise": evidence.log_noise,
             },
             "p_value": self.p_value,
             "taken": self.taken,
@@ -228,15 +231,21 @@ def curve(likelihood: StageLikelihood, *, level: float, seed: int) -> list[tuple
 
 
 def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
-    """Return why an effect makes no prediction better that one could see; an empty text if it does.
+    """Return why an effect makes no prediction better that one could see; an empty text if it may.
 
-    It must make the simulation of records left out better in some output, and worse in none.
+    It must change some output by a share of its error that one could see, of which the records left out do not show
+    that it is no improvement, and make none worse.  How sure it is that there is an improvement at all is for the log
+    predictive score to say, which knows the unrecorded forces: where these make most of the error of a simulation, its
+    square hardly shows an effect of a tenth of that, and be it certain.
     """
     assert model.likelihood is not None
     assert parent.likelihood is not None
     gain = simulation_gain(model.likelihood, parent.likelihood)
     if gain.harms(POLICY.harm, POLICY.simulation_errors):
         return f"some output of records left out is simulated worse (square error gone: {gain})"
-    if not gain.helps(POLICY.relevance, POLICY.simulation_errors):
+    share = changed_share(model.stage, parent.stage)
+    if not np.any(share >= POLICY.relevance):
+        return f"it changes no output by {100 * POLICY.relevance:.0f} % of its mean square error"
+    if np.all((share < POLICY.relevance) | gain.rules_out(POLICY.relevance, POLICY.simulation_errors)):
         return f"records left out are not simulated better (square error gone: {gain})"
     return ""

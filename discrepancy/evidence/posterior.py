@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from discrepancy.evidence.moves import TriedModel
     from discrepancy.evidence.proposals import Proposals
 
-__all__ = ["Posterior", "posterior", "rivals_of"]
+__all__ = ["UNKNOWN", "Posterior", "posterior", "rivals_of"]
 
-UNKNOWN = "unknown_force"
+UNKNOWN = "unknown_force"  # the kind of a force that is found without a law
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ from discrepancy.stages.stage import Stage
 
 __all__ = [
     "PredictiveGain",
+    "changed_share",
     "gain_of_errors",
     "held_out_errors",
     "predictive_gain",
@@ -86,6 +87,10 @@ class SimulationGain:
         """Tell whether some output is simulated better by at least so large a share and so many standard errors."""
         return bool(np.any((self.share >= least) & (self.share > errors * self.standard_error)))
 
+    def rules_out(self, least: float, errors: float) -> np.ndarray:
+        """Tell of each output whether an improvement by so large a share is out of so many standard errors' reach."""
+        return self.share + errors * self.standard_error < least
+
     def harms(self, least: float, errors: float) -> bool:
         """Tell whether some output is simulated worse by at least so large a share and so many standard errors."""
         return bool(np.any((-self.share >= least) & (-self.share > errors * self.standard_error)))
@@ -94,6 +99,14 @@ class SimulationGain:
 def simulation_gain(one: StageLikelihood, other: StageLikelihood) -> SimulationGain:
     """Return by how much ``one`` simulates blocks of the identification records left out better than ``other``."""
     return gain_of_errors(one.stage.outputs, simulation_errors(one), simulation_errors(other))
+
+
+def changed_share(one: Stage, other: Stage) -> np.ndarray:
+    """Return the mean square by which two fits of the same records differ, over that of the second's error, (n_c,)."""
+    before = np.concatenate([f.residual for f in other.identify.fits])
+    after = np.concatenate([f.residual for f in one.identify.fits])
+    share: np.ndarray = np.mean((after - before) ** 2, axis=0) / np.maximum(np.mean(before**2, axis=0), 1e-300)
+    return share
 
 
 def held_out_errors(stage: Stage) -> np.ndarray:

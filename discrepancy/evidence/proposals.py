@@ -63,7 +63,8 @@ class ScoredCandidate:
     expected_strength : ndarray, shape (k,)
         In the candidate's unit.
     gain : float
-        By which the log evidence rises with it in the linearised problem, without the prior odds of its name.
+        By which the log evidence rises with it in the linearised problem, without the prior odds of its name; minus
+        infinity where it would act the other way.
     direction : ndarray, shape (n_rows, k)
         Orthonormal: what it changes that calibration cannot.
     """
@@ -167,11 +168,11 @@ class Proposals:
         return chosen
 
     def twins(self, name: str) -> list[ScoredCandidate]:
-        """Return the candidates that change the same as another."""
+        """Return the candidates that change the same as another, in the direction that the residual asks for."""
         own = self.named(name)
-        if own is None:
+        if own is None or not math.isfinite(own.gain):
             return []
-        return [c for c in self.candidates if c is not own and _same(c, own)]
+        return [c for c in self.candidates if c is not own and math.isfinite(c.gain) and _same(c, own)]
 
 
 def _same(one: ScoredCandidate, other: ScoredCandidate) -> bool:

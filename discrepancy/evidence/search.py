@@ -22,6 +22,7 @@ from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from multibody.base.errors import ModelError
+from multibody.base.memory import give_back
 from multibody.base.parallel import parallel_map
 from multibody.base.quantity_text import count_text
 
@@ -120,6 +121,8 @@ class EvidenceSearch:
         self.state.progress(f"what is random beside {model.name}")
         model.likelihood = model.likelihood.with_richer_noise()
         self._refresh(model)
+        model.likelihood.free_memory()
+        give_back()
         return True
 
     def _extend(self, model: TriedModel) -> None:
@@ -150,6 +153,7 @@ class EvidenceSearch:
         if len(stage.effects) > 1:
             offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
         new = [(p, q) for p, q in offers if key_of(p.effects) not in self.models]
+        likelihood.free_memory()
         trials = self._fitted(model, new)
         state.decisions.append(
             Decision(scans=(proposals.scan,), reason=self._reason(model, trials), refused=proposals.refused)
@@ -228,6 +232,7 @@ class EvidenceSearch:
                     evidence = log_evidence(likelihood, self.prior)
                     if math.isfinite(evidence.total):
                         model.likelihood, model.evidence = likelihood, evidence
+                        likelihood.free_memory()
                 except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
                     model.outcome = f"could not be simulated: {error}"
             if model.likelihood is None and not model.outcome:
@@ -240,6 +245,7 @@ class EvidenceSearch:
             self._keep(done, parent)
             raise
         self._keep(trials, parent)
+        give_back()
         for model in trials:
             rise = f"log evidence {model.total - parent.total:+.1f}, " if model.likelihood is not None else ""
             state.progress(f"{model.name}: {rise}{model.outcome}")

@@ -105,7 +105,7 @@ def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]
             continue
         best = trials[int(np.argmax(gains))]
         records = [c.record for c in best.columns]
-        whole = fitted_noise(linearised, records, best.columns, std, offset, best.model, grow=False)
+        whole = fitted_noise(linearised, records, best.columns, std, offset, best.model, grow=False, reduce=False)
         outside, more = whole.model.processes[k].std, whole.model.processes[-1].std
         ratio = float(np.hypot(outside, more)) / max(outside, 1e-300)
         gain = whole.log_likelihood - fitted.log_likelihood - price

@@ -23,6 +23,9 @@ __all__ = [
 #: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
 #: where there is no such process.
 WORTH = 4.0
+#: Nats by which the likelihood may fall without a process, before the others are fitted anew, so that it is tried
+#: without; chosen, several times `WORTH`.
+NEARLY = 40.0
 MOST_PROCESSES = 6
 #: Processes of each kind that are tried again in the next round: those that raised the likelihood most.  The kinds are
 #: forces, forces at a standstill, and errors of outputs: the first to be found must not crowd out the others.
@@ -348,6 +351,7 @@ def fit_noise(
     start: NoiseModel | None = None,
     *,
     grow: bool = True,
+    reduce: bool = True,
 ) -> tuple[NoiseModel, float]:
     """Return the noise model with the largest restricted likelihood, and that likelihood.
 
@@ -364,7 +368,9 @@ def fit_noise(
         With the standard deviation that moves some output by its noise.
     start : NoiseModel, optional
     grow : bool
-        False: fit the standard deviations of ``start`` only.
+        False: add no process to those of ``start``.
+    reduce : bool
+        False: keep all of them, whether they earn their price or not.
     """
 
     def likelihood(model: NoiseModel) -> float:
@@ -377,6 +383,8 @@ def fit_noise(
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
     model, best = climb(*_with_correlation(start, records, likelihood, floor))
+    if reduce:
+        model, best = _without_needless(model, best, likelihood, climb)
     promising = list(candidates)
     rows = sum(r.residual.size for r in records)
     thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
@@ -405,8 +413,33 @@ def fit_noise(
         fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
         if value < best + WORTH:
             break
-        model, best = fitted, value
+        model, best = _without_needless(fitted, value, likelihood, climb) if reduce else (fitted, value)
     return model, best
+
+
+def _without_needless(
+    model: NoiseModel,
+    value: float,
+    likelihood: Callable[[NoiseModel], float],
+    climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
+) -> tuple[NoiseModel, float]:
+    """Return the model without the processes that do not earn their price, one after another.
+
+    A process that stood for an effect is of no use once that effect is part of the model, and yet the fit, which begins
+    at its size, need not find the way to none: the likelihood often has a maximum at either.
+    """
+    while model.processes:
+        fewer = []
+        for k in range(len(model.processes)):
+            trial = replace(model, processes=(*model.processes[:k], *model.processes[k + 1 :]))
+            reached = likelihood(trial)
+            if reached > value - NEARLY:
+                fewer.append(climb(trial, reached))
+        best = max(fewer, key=lambda t: t[1], default=None)
+        if best is None or best[1] < value - WORTH:
+            break
+        model, value = best
+    return model, value
 
 
 def _kind(process: Process) -> tuple[bool, bool]:

@@ -109,6 +109,13 @@ class LinearisedProblem:
         """Return all outputs of the nominal run of an experiment on its full time grid, by name."""
         return _once(self._unweighted, ("outputs", index), lambda: self._run(index))
 
+    def drop_runs(self) -> None:
+        """Free the memory of nominal runs and matrices along them; they are computed again where they are needed."""
+        for key in [k for k in self._unweighted if k == "free curves" or k[0] == "outputs"]:
+            del self._unweighted[key]
+        for experiment in self._unweighted.get("experiments", ()):
+            experiment.drop_matrices()
+
     def _run(self, index: int) -> dict[str, np.ndarray]:
         experiment = self.experiments[index]
         run = simulate(

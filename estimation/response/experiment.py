@@ -139,9 +139,15 @@ class Experiment:
 
     def with_preparation(self, preparation: Preparation) -> Experiment:
         """Return the same experiment with another preparation; the input tables are shared."""
-        other = replace(self, preparation=preparation)
-        other._cache.tables.update(self._cache.tables)
-        other._cache.inputs_along.update(self._cache.inputs_along)
+        return self._with_tables(replace(self, preparation=preparation))
+
+    def without_input_noise(self) -> Experiment:
+        """Return the same experiment with inputs that count as exact; the input tables are shared."""
+        return self._with_tables(replace(self, input_noise={}))
+
+    def _with_tables(self, other: Experiment) -> Experiment:
+        """Let an experiment on the same record share the input tables, also those that either makes later."""
+        other._cache.tables, other._cache.inputs_along = self._cache.tables, self._cache.inputs_along
         return other
 
     # ---------------------------------------------------------------- the model
@@ -450,6 +456,10 @@ class Experiment:
         kept = self._cache.perturbation_response
         if kept is not None and kept[3].nbytes > KEPT_BYTES:
             self._cache.perturbation_response = None
+
+    def drop_matrices(self) -> None:
+        """Free the memory of the state-transition matrices."""
+        self._cache.perturbation_response = None
 
     def clear_cache(self) -> None:
         """Drop every kept result; each is computed again when it is needed."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import tempfile
 import threading
 import weakref
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from multibody.base.memory_of_process import machine_memory
 
-__all__ = ["ArrayStore", "MemoryLimitError", "memory_limit", "scratch_folder"]
+__all__ = ["ArrayStore", "MemoryLimitError", "give_back", "memory_limit", "scratch_folder"]
 
 #: Share of the machine's memory that may be used where nothing is said: others work on it too.
 SHARE = 0.5
@@ -58,6 +60,16 @@ def scratch_folder() -> Path:
         return Path(said).expanduser()
     lasting = Path("/var/tmp")
     return lasting if os.access(lasting, os.W_OK) else Path(tempfile.gettempdir())
+
+
+def give_back() -> None:
+    """Give memory that was freed back to the system, where the C library keeps it (glibc).
+
+    It keeps arrays of up to 32 MB, in the hope that they are asked for again.  A search frees them among arrays that
+    stay, and takes others elsewhere.
+    """
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 class ArrayStore:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from discrepancy.conclusion.sentences import probability_sentence
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_strengths
 from discrepancy.evidence.moves import TriedModel, key_of
@@ -91,3 +92,12 @@ def test_a_gain_is_relative_to_each_block() -> None:
     assert worse.share[0] == pytest.approx(-1.0)
     assert worse.harms(0.02, 2.0)
     assert not worse.helps(0.02, 2.0)
+
+
+def test_what_could_not_be_named_is_said_where_it_is_probable() -> None:
+    names = ("constant_force@bearing",)
+    likely = posterior(by_key(tried(0.0), tried(6.0, *names)), [], None)
+    text = probability_sentence(likely)
+    assert likely.nothing == pytest.approx(1.0 / (1.0 + math.exp(2.0)))
+    assert "well enough to be named: 88 %, most probably a constant force at bearing (88 %)" in text
+    assert "named" not in probability_sentence(posterior(by_key(tried(0.0), tried(-9.0, *names)), [], None))

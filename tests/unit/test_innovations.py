@@ -9,6 +9,7 @@ import pytest
 
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_fit import (
+    WORTH,
     RecordColumns,
     fit_noise,
     restricted_log_likelihood,
@@ -280,6 +281,30 @@ def test_white_noise_gets_no_latent_force() -> None:
         model, _ = fit_noise([one], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates)
         added += bool(model.processes)
     assert added <= 2
+
+
+def test_a_process_that_no_longer_earns_its_price_is_taken_out() -> None:
+    """A neighbour's force and drift, in white noise: the fit begins at their sizes, and ends without them."""
+    record = oscillator(400)
+    noise = np.random.default_rng(5).standard_normal((400, 2)) * np.array([0.003, 0.02])
+    one, floor = without_unknowns(record, noise), np.array([1e-3, 1e-2])
+    start = replace(noise_model(), correlation=None)
+
+    def fitted(reduce: bool) -> tuple[NoiseModel, float]:
+        return fit_noise([one], np.zeros(0), np.zeros(0), floor, [], start, grow=False, reduce=reduce)
+
+    (reduced, likelihood), (kept, before) = fitted(True), fitted(False)
+    assert len(kept.processes) == 2
+    assert reduced.processes == ()
+    assert likelihood > before - 2 * WORTH
+    np.testing.assert_allclose(reduced.noise, [0.003, 0.02], rtol=0.1)  # of 400 samples: 1/√800 is 3.5 %
+
+
+def test_a_process_that_is_needed_stays() -> None:
+    record, model = oscillator(400), noise_model()
+    one = columns_of(record, 8, model)
+    fitted, _ = fit_noise([one], NO_PRIOR, NO_OFFSET, np.array([1e-3, 1e-2]), [], model, grow=False)
+    assert "spring" in [q.where for q in fitted.processes]
 
 
 def test_samples_that_are_left_out_do_not_count() -> None:
