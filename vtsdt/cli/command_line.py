@@ -161,12 +161,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         words, seconds = time_limit(words)
         words, gigabytes = memory_limit(words)
-        with stoppable(seconds), _memory(gigabytes):
-            code = complete(_dispatch) if asked_for() else _dispatch(words)
-        sys.stdout.flush()
+        try:
+            with stoppable(seconds), _memory(gigabytes):
+                code = complete(_dispatch) if asked_for() else _dispatch(words)
+        except SystemExit as ended:  # argparse ends --help this way
+            code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+        sys.stdout.flush()  # here, where a reader that has gone is no fault
         return code
-    except SystemExit as ended:  # argparse ends --help this way
-        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except KeyboardInterrupt as error:
         stopped = error if isinstance(error, Stopped) else Stopped("interrupted")
         remedy = ": there is no result yet; give it more time" if stopped.code == 124 else ""
