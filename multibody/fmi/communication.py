@@ -32,6 +32,9 @@ __all__ = ["given_name", "heard_name", "stepped_run"]
 #: Change of an output at the samples, as a share of its spread, by halving the steps with which they are short enough;
 #: chosen.  The error goes with the square of the steps, so that a third of this is left.
 SETTLED = 1e-3
+#: Range, as a share of an output's magnitude (at least 1), below which an output counts as resting: what is left of it
+#: is rounding, which shorter steps do not change.
+LEAST_RANGE = 1e-6
 #: Steps between two samples at most.
 MOST_DIVISIONS = 64
 #: Values beyond this count as running away.
@@ -266,7 +269,8 @@ def _same(around: _Around, run: SteppedRun, finer: SteppedRun) -> bool:
     a, b = run.inputs[:, heard], finer.inputs[:, heard]
     if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
         return False
-    return bool(np.all(np.max(np.abs(a - b), axis=0) <= SETTLED * np.maximum(np.ptp(b, axis=0), 1e-300)))
+    range_of = np.maximum(np.ptp(b, axis=0), LEAST_RANGE * np.maximum(1.0, np.max(np.abs(b), axis=0)))
+    return bool(np.all(np.max(np.abs(a - b), axis=0) <= SETTLED * range_of))
 
 
 def _sound(around: _Around, run: SteppedRun) -> SteppedRun:
