@@ -154,6 +154,7 @@ class EvidenceSearch:
             offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
         new = [(p, q) for p, q in offers if key_of(p.effects) not in self.models]
         likelihood.free_memory()
+        give_back()
         trials = self._fitted(model, new)
         state.decisions.append(
             Decision(scans=(proposals.scan,), reason=self._reason(model, trials), refused=proposals.refused)

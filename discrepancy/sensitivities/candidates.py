@@ -27,7 +27,7 @@ from discrepancy.sensitivities.finite_amplitude import (
 )
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate, KeptSensitivities
-from discrepancy.statistics.columns import responses_together
+from discrepancy.statistics.columns import columns_together, responses_together
 from discrepancy.statistics.score_variance import about_bands
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
@@ -269,7 +269,7 @@ def _record_sensitivities(
             keep(key, np.ascontiguousarray(dy[:, :, own[0] : own[-1] + 1]))
 
     rows = max(np.size(experiment.record.time), 1) * len(experiment.outputs)
-    batch = responses_together(rows, BATCH)
+    batch = columns_together(rows, BATCH) if together else responses_together(rows, BATCH)
     waiting: list[tuple[tuple[str, int], Perturbation]] = []
     for group in chain(_input_perturbations(linearised, index, forced), _by_key(carried) if together else ()):
         if waiting and len(waiting) + len(group) > batch:

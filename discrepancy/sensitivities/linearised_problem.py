@@ -13,7 +13,7 @@ from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.residual.input_noise import input_noise_weighting
 from discrepancy.sensitivities.free_curves import CURVE_POINTS, FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities
-from discrepancy.statistics.columns import responses_together
+from discrepancy.statistics.columns import columns_together, responses_together
 from discrepancy.statistics.whitened import rms_projection
 from estimation.response.perturbations import InputPerturbation, cheaper_by_transition_matrices
 from multibody.base.memory import ArrayStore
@@ -269,13 +269,15 @@ class LinearisedProblem:
         curves = self.free_curves()
         no_values = np.empty(0)
         every = [InputPerturbation(c.channel, no_values) for c in curves for _ in range(CURVE_POINTS * len(c.ranges))]
-        if cheaper_by_transition_matrices(self.slim, every):  # for all places at once
+        carried = cheaper_by_transition_matrices(self.slim, every)
+        if carried:  # for all places at once
             experiment.perturbation_response(self.slim, self.p, start, every)
+        at_once = columns_together if carried else responses_together
         rows = np.size(experiment.record.time) * len(experiment.outputs)
         kept = {}
         for c in curves:
             numbers: list[int] = []
-            together = responses_together(rows, CURVE_POINTS * len(c.ranges)) // CURVE_POINTS or 1  # curves
+            together = at_once(rows, CURVE_POINTS * len(c.ranges)) // CURVE_POINTS or 1  # curves
             for first in range(0, len(c.ranges), together):
                 group = c.perturbations(index, slice(first, first + together))
                 changed = experiment.respond(self.slim, self.p, start, perturbations=group, sensors=self.sensors)
