@@ -126,8 +126,8 @@ class ForeignUnit:
         """From which derivatives sensitivities come, as a sentence's part."""
         if self.stepped:
             return (
-                "differences of whole runs; it is stepped (Co-Simulation) and shows neither states nor rates, so that "
-                "the search is by significance, on simulations of whole records"
+                "differences of whole runs: the unit is stepped (Co-Simulation) and shows neither states nor rates, so "
+                "that the search is by significance, on simulations of whole records"
             )
         if not self.derivatives:
             return "central differences; the unit has no directional derivatives"

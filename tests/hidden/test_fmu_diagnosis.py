@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +94,28 @@ def test_an_exported_axis_has_the_diagnosis_of_the_native_one(tmp_path: Path) ->
     assert other.strengths["coulomb"] == pytest.approx(one.strengths["coulomb"], rel=1e-3)
     ours, theirs = (d.final.rmse("validate") for d in (native, foreign))
     assert theirs == pytest.approx(ours, rel=1e-3)
+
+
+@pytest.mark.slow  # 2 minutes: in a fit with the effect, each of some hundred runs takes a thousand communication steps
+def test_a_unit_for_co_simulation_alone_has_the_diagnosis_of_the_machine(tmp_path: Path) -> None:
+    write_records(tmp_path)
+    path = pushed_axis().build().to_fmu(tmp_path / "axis.fmu", fmi_version="2.0")
+    with zipfile.ZipFile(path) as file:
+        content = {name: file.read(name) for name in file.namelist()}
+    described = content["modelDescription.xml"].decode()
+    stepped = re.sub("<ModelExchange.*?</ModelExchange>", "", described, flags=re.DOTALL)
+    assert stepped != described
+    with zipfile.ZipFile(path, "w") as file:
+        for name, data in (content | {"modelDescription.xml": stepped.encode()}).items():
+            file.writestr(name, data)
+    connection = '"guide" = { force = "F_ext", motion = "carriage.position", rate = "carriage.velocity" }'
+    study = STUDY.partition("[initial]")[0].format(model='fmu = "axis.fmu"', connections=f"[connections]\n{connection}")
+    (tmp_path / "study.toml").write_text(study)
+    found = Study.from_file(tmp_path / "study.toml").diagnose()
+    assert found.verdict == "effect found"
+    (effect,) = found.final.effects
+    assert (effect.kind, effect.where) == ("coulomb_friction", "guide")
+    assert effect.strengths["coulomb"] == pytest.approx(FORCE, rel=0.01)
+    errors = found.final.rmse("validate")
+    assert errors["motor.torque"] < 1.1 * 2e-3  # the noise of the records
+    assert errors["carriage.position"] < 1.1 * 1e-6
