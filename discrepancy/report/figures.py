@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "falling_error",
+    "falling_words",
     "over_time",
     "residual_against",
     "spectra",
@@ -48,6 +49,7 @@ __all__ = [
     "zoomable",
 ]
 
+MOST_FALLING = 6  # outputs whose falling error is drawn
 MOST_ZOOMABLE = 6  # outputs, so that the page stays below 3 MB
 PART_WORDS = {"identify": "records used for fitting", "validate": "records held out"}
 
@@ -80,8 +82,8 @@ def worst_outputs(conclusion: Conclusion, most: int = 3) -> list[str]:
 
 @drawing
 def falling_error(conclusion: Conclusion) -> Figure:
-    """Draw the error of every output from stage to stage, on fitted and on held-out records."""
-    outputs = worst_outputs(conclusion, 6)
+    """Draw the error of the worst outputs from stage to stage, on fitted and on held-out records."""
+    outputs = worst_outputs(conclusion, MOST_FALLING)
     figure, axes = new_figure(len(outputs), height=2.1 if len(outputs) > 1 else 3.0, sharex=True)
     names = _stage_labels(conclusion.stages)
     styles = {
@@ -109,7 +111,17 @@ def falling_error(conclusion: Conclusion) -> Figure:
         a.set_xlim(-0.4, len(names) - 0.6)
         a.set_xticks(range(len(names)), names)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    if words := falling_words(conclusion):
+        figure.suptitle(words, fontsize=10)
     return figure
+
+
+def falling_words(conclusion: Conclusion) -> str:
+    """Return which outputs `falling_error` draws; nothing where it draws all."""
+    count = len(conclusion.baseline.outputs)
+    if count <= MOST_FALLING:
+        return ""
+    return f"Drawn are the {MOST_FALLING} of {count} outputs with the largest error against the noise."
 
 
 def _stage_labels(stages: Sequence[Stage]) -> list[str]:

@@ -78,7 +78,8 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
                 "Square marks: records held out, which no fit has seen."
                 if conclusion.judged_on == "validate"
                 else "No record was held out, so this is the error on the records of the fit."
-            ),
+            )
+            + f" {figures.falling_words(conclusion)}".rstrip(),
             "falling",
         )
     ]

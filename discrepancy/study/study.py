@@ -320,7 +320,7 @@ class Study(SearchState):
         return conclude(self)
 
     def plot(self) -> Figure:
-        """Draw the error of every output from stage to stage."""
+        """Draw the error of the outputs from stage to stage: of all, or of the worst where there are many."""
         from discrepancy.report.figures import falling_error
 
         _ = self.stage

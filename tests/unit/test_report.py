@@ -194,6 +194,17 @@ def test_drawing_leaves_matplotlib_as_it_was(conclusion) -> None:
     assert np.array_equal(*(np.asarray(_drawn(f)) for f in (first, again)))
 
 
+def test_outputs_that_are_not_drawn_are_counted(conclusion, monkeypatch) -> None:
+    from discrepancy.report import figures
+
+    assert figures.falling_error(conclusion).get_suptitle() == ""
+    monkeypatch.setattr(figures, "MOST_FALLING", 1)
+    figure = figures.falling_error(conclusion)
+    count = len(conclusion.baseline.outputs)
+    assert figure.get_suptitle() == f"Drawn are the 1 of {count} outputs with the largest error against the noise."
+    assert len(figure.axes) == 1 < count
+
+
 def _drawn(figure):
     figure.canvas.draw()
     return figure.canvas.buffer_rgba()

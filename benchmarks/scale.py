@@ -1,0 +1,136 @@
+"""How time and memory of a diagnosis grow with rows, records, states and outputs; the page.
+
+``python benchmarks/scale.py [--only rows,records] [--most 30000] [--keep FILE] [--page docs/benchmarks/scale.md]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from scale_case import Case, write
+
+ROOT = Path(__file__).resolve().parents[1]
+
+#: Cases of each sweep: what grows, and everything else as in `Case`.
+SWEEPS: dict[str, dict[int, Case]] = {
+    "rows": {n: Case(rows=n) for n in (1_000, 4_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, 10_000_000)},
+    "records": {n: Case(records=n) for n in (1, 3, 10, 30, 100, 300, 1000)},
+    "states": {2 * n: Case(masses=n) for n in (1, 2, 5, 10, 20, 50, 250)},
+    "outputs": {n: Case(masses=20, outputs=n) for n in (1, 5, 20, 40)},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What a run took.
+
+    Parameters
+    ----------
+    processor, wall : float, s
+    peak : float, bytes
+        Largest resident memory.
+    code : int
+        Exit code, that of a signal below zero.
+    """
+
+    processor: float
+    wall: float
+    peak: float
+    code: int
+
+
+def measured(case: Case) -> Cost:
+    """Diagnose a case in a process of its own that adds one effect at most, with compiled code from earlier runs."""
+    with tempfile.TemporaryDirectory() as temporary:
+        study = write(case, Path(temporary))
+        words = ["diagnose", str(study), "--out", str(Path(temporary) / "out"), "--quiet", "--max-effects", "1"]
+        path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        begun = time.monotonic()
+        run = subprocess.Popen([sys.executable, "-m", "vtsdt", *words], env={**os.environ, "PYTHONPATH": path})
+        _, status, used = os.wait4(run.pid, 0)
+        run.returncode = os.waitstatus_to_exitcode(status)
+        return Cost(
+            processor=used.ru_utime + used.ru_stime,
+            wall=time.monotonic() - begun,
+            peak=1024.0 * used.ru_maxrss,
+            code=run.returncode,
+        )
+
+
+def main() -> int:
+    """Measure what is not in the file of results yet, print the tables, and write the page."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--only", help=f"sweeps, separated by commas, of: {', '.join(SWEEPS)}")
+    parser.add_argument("--most", type=int, help="leave out sizes above")
+    parser.add_argument("--keep", type=Path, help="file of results: what is in it is not measured again")
+    parser.add_argument("--page", type=Path)
+    given = parser.parse_args()
+    kept: dict[tuple[str, int], Cost] = {}
+    if given.keep and given.keep.exists():
+        for line in given.keep.read_text(encoding="utf-8").splitlines():
+            sweep, size, cost = json.loads(line)
+            kept[sweep, size] = Cost(**cost)
+    for sweep in given.only.split(",") if given.only else SWEEPS:
+        for size, case in SWEEPS[sweep].items():
+            if (sweep, size) in kept or (given.most is not None and size > given.most):
+                continue
+            cost = kept[sweep, size] = measured(case)
+            if given.keep:
+                with given.keep.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps([sweep, size, cost.__dict__]) + "\n")
+    tables = "\n\n".join(_table(sweep, kept) for sweep in SWEEPS if any(s == sweep for s, _ in kept))
+    print(tables)
+    if given.page:
+        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+        text = PAGE.format(
+            date=datetime.date.today().isoformat(), commit=commit.stdout.strip() or "unknown", tables=tables
+        )
+        given.page.write_text(text, encoding="utf-8")
+    return 1 if any(cost.code for cost in kept.values()) else 0
+
+
+def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
+    """Return the table of a sweep; the slope is that of the processor time, from the size before."""
+    lines = [
+        f"| {sweep} | processor, s | wall, s | peak memory, GB | slope | end |",
+        "| ---: | ---: | ---: | ---: | ---: | --- |",
+    ]
+    before: tuple[int, Cost] | None = None
+    for size, cost in sorted(((size, c) for (of, size), c in kept.items() if of == sweep), key=lambda pair: pair[0]):
+        slope = ""
+        if before is not None:
+            slope = f"{math.log(cost.processor / before[1].processor) / math.log(size / before[0]):.2f}"
+        lines.append(
+            f"| {size} | {cost.processor:.3g} | {cost.wall:.3g} | {cost.peak / 1e9:.2f} | {slope} | {cost.code} |"
+        )
+        before = size, cost
+    return "\n".join(lines)
+
+
+PAGE = """# Growth with the size of a study
+
+Measured on {date} at {commit} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes
+this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
+own: processor time (all threads), time on the clock, the largest resident memory, the exit code, and the slope of the
+processor time on logarithmic scales from the row above (1: proportional). Time on the clock depends on what else the
+machine does.
+
+{tables}
+
+The machine is a chain of masses on springs, dampers and guides with dry friction hidden in the first guide
+(`benchmarks/scale_case.py`). Where nothing else is said it has one mass, one output, and one record of 2000 rows beside
+one that is held out.
+"""
+
+if __name__ == "__main__":
+    sys.exit(main())
