@@ -8,6 +8,10 @@ from discrepancy.statistics.blocks import Array
 
 __all__ = ["even_hat_functions", "hat_functions", "quantile_knots"]
 
+#: Share of the range by which knots lie apart, at least: between closer ones a curve is free to take any slope, and
+#: its curvature, relative to the usual spacing, leaves the range of the numbers.
+NEAREST = 1e-3
+
 
 def hat_functions(values: Array, knots: Array) -> Array:
     """Return each knot's hat function at the values, shape (n, len(knots)); rows sum to one.
@@ -27,12 +31,20 @@ def hat_functions(values: Array, knots: Array) -> Array:
 def quantile_knots(values: Array, n: int) -> Array:
     """Return up to n knots at quantiles of the distinct values, so that long rests do not take them all.
 
-    Empty where the values give fewer than three knots.
+    Values count as distinct, and knots lie apart, by a thousandth of the range at least.  Empty where that leaves fewer
+    than three knots.
+
+    Examples
+    --------
+    >>> quantile_knots(np.array([0.0, 0.0, 0.0, 1e-9, 1.0, 2.0]), 3).tolist()
+    [0.0, 1.0, 2.0]
     """
-    v = np.unique(np.round(values, 12))
-    if len(v) < 2:
+    low, span = float(np.min(values)), float(np.ptp(values))
+    if span <= 0.0:
         return np.empty(0)
-    k = np.unique(np.quantile(v, np.linspace(0, 1, n)))
+    v = low + span * NEAREST * np.unique(np.round((np.asarray(values) - low) / (span * NEAREST)))
+    k = np.quantile(v, np.linspace(0, 1, n))
+    k = k[np.concatenate([[True], np.diff(k) > 0.5 * span * NEAREST])]
     return k if len(k) >= 3 else np.empty(0)
 
 

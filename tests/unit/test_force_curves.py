@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from discrepancy.questions.force_curves import explain_force
+from discrepancy.statistics.hat_functions import quantile_knots
 from discrepancy.questions.simple_laws import suggest_laws
 from discrepancy.statistics.periodicity import find_period, split_directions
 from discrepancy.validation import linear_axes
@@ -90,3 +91,15 @@ def test_faults_of_input():
         explain_force(np.zeros(100), {"x": np.zeros(3)})
     with pytest.raises(ValueError, match="constant"):
         explain_force(np.ones(100), {"x": np.zeros(100)})
+
+
+def test_knots_of_a_machine_that_creeps_before_it_moves_lie_apart() -> None:
+    # most of the distinct positions lie in a billionth of the range
+    creep = 1e-9 * np.linspace(0.0, 1.0, 900)
+    knots = quantile_knots(np.concatenate([creep, np.linspace(0.0, 1.0, 300)]), 12)
+    assert np.diff(knots).min() >= 5e-4
+
+
+def test_knots_do_not_depend_on_the_unit() -> None:
+    values = np.random.default_rng(3).normal(size=500)
+    np.testing.assert_allclose(quantile_knots(1e-9 * values, 12), 1e-9 * quantile_knots(values, 12), rtol=1e-9)
