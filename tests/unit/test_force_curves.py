@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from discrepancy.questions.force_curves import explain_force
-from discrepancy.statistics.hat_functions import quantile_knots
 from discrepancy.questions.simple_laws import suggest_laws
+from discrepancy.statistics.hat_functions import quantile_knots
 from discrepancy.statistics.periodicity import find_period, split_directions
 from discrepancy.validation import linear_axes
 
