@@ -26,6 +26,7 @@ from discrepancy.evidence.posterior import Posterior, posterior
 from discrepancy.evidence.random_forces import RandomForces, random_forces_of, slow_force_sentence
 from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.evidence.uneven_forces import UnevenForce, uneven_random_forces
+from discrepancy.evidence.unknown_law import UnknownLaw
 from discrepancy.questions.next_measurement import next_measurements
 from discrepancy.questions.parameter_trend import Trend, parameter_trends
 from discrepancy.questions.unknown_force import (
@@ -73,16 +74,19 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     checks = _checks(state, by_evidence)
     failed = [c for c in checks if not c.passed]
     uneven = _uneven(state, by_evidence)
-    if failed or uneven:
+    law = _unknown_law(by_evidence)
+    follows = law is not None and law.announced
+    if failed or uneven or follows:
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
     elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
         verdict = "partly explained"
     likelihood = by_evidence.likelihood if by_evidence is not None else None
     forces = random_forces_of(likelihood) if likelihood is not None else None
-    slow = _slow_force(forces, last) if not accepted else ""
-    if by_evidence is not None and not accepted and (failed or uneven or slow or poor_fit_note(last, verdict)):
+    slow = _slow_force(forces, last) if by_evidence is not None and not accepted else ""
+    if slow or (state.decisions and not accepted and poor_fit_note(last, verdict)):
         # what the noise model takes for a random force is too large to be left without a word
         verdict = "unknown effect"
+    if by_evidence is not None and not accepted and verdict == "unknown effect":
         described = state.if_simulated("where the missing force acts", lambda: _force_that_follows_inputs(state))
         curve, force = described or (curve, force)
     refused, hidden = _not_found(state)
@@ -113,6 +117,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     else:
         sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
+    sentences += [law.sentence] if law is not None and follows else []
     sentences += [u.sentence for u in uneven]
     sentences += [slow] if slow else []
     sentences += [check_sentence(failed)] if failed else []
@@ -136,6 +141,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         extra["parameter_trends"] = [t.to_dict() for t in trends]
     if probabilities is not None:
         extra["probabilities"] = probabilities.to_dict()
+    if law is not None:
+        extra["unknown_law"] = law.to_dict()
     if uneven:
         extra["uneven_forces"] = [u.to_dict() for u in uneven]
     if checks:
@@ -199,6 +206,12 @@ def _uneven(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Une
     return state.if_simulated("whether random forces are even", lambda: uneven_random_forces(likelihood)) or ()
 
 
+def _unknown_law(by_evidence: EvidenceSearch | None) -> UnknownLaw | None:
+    """Return what follows the machine's state beside the model that was taken, if that was asked."""
+    taken = by_evidence.taken if by_evidence is not None else None
+    return taken.unknown_law if taken is not None else None
+
+
 def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterior | None:
     """Return how probable each answer is, for a search by evidence."""
     if by_evidence is None:
@@ -208,7 +221,8 @@ def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterio
     asked = start.proposals if start is not None else None
     taken = by_evidence.taken
     final = taken.proposals if taken is not None else None
-    return posterior(by_evidence.models, found, asked, final, unknown=verdict == "unknown effect")
+    unknown = verdict == "unknown effect"
+    return posterior(by_evidence.models, found, asked, final, by_evidence.prior, unknown=unknown)
 
 
 def _accepted_curve(

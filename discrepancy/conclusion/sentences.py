@@ -13,7 +13,8 @@ from discrepancy.conclusion.conclusion import HiddenEffect, NegligibleEffect
 from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.checks import Check
-from discrepancy.evidence.posterior import UNKNOWN, Posterior
+from discrepancy.evidence.posterior import Posterior
+from discrepancy.evidence.unknown_law import UNKNOWN
 from discrepancy.questions.explained_share import explained_share
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage

@@ -46,10 +46,12 @@ class ModelPrior:
         Half of the mass is on a model that lacks nothing, half of the rest on one that lacks one effect, and so on; the
         effects of the catalogue are equally probable, and so are their shapes.
         """
-        m = len(effects)
-        choices = math.log(math.comb(max(self.candidates, m), m))
         shapes = sum(math.log(max(self.shapes.get(str(e), 1), 1)) for e in effects)
-        return -(m + 1) * math.log(2.0) - choices - shapes
+        return self.log_probability_of_names(len(effects)) - shapes
+
+    def log_probability_of_names(self, count: int) -> float:
+        """Return the log prior probability of a model with so many effects, their shapes not counted."""
+        return -(count + 1) * math.log(2.0) - math.log(math.comb(max(self.candidates, count), count))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,8 +21,10 @@ from multibody.solvers.kernels.perturbations import propagate
 __all__ = [
     "FittedNoise",
     "StageLikelihood",
+    "acting_inputs",
     "noise_floor",
     "record_columns",
+    "steady_reach",
     "with_columns",
 ]
 
@@ -146,10 +148,16 @@ class StageLikelihood:
         return self.linearised.weighted_by(self.noise.weighting())
 
 
+def acting_inputs(linearised: LinearisedProblem) -> tuple[list[str], list[str]]:
+    """Return what latent processes may be added to: the connections, and the recorded inputs that the machine has."""
+    recorded = [n for n in linearised.experiments[0].inputs if n in linearised.slim.input_names]
+    return [place.name for place in linearised.system.places], recorded
+
+
 def _sources(linearised: LinearisedProblem) -> list[str]:
     """Return the inputs that latent processes may be added to: a force at every connection, and recorded inputs."""
-    recorded = [n for n in linearised.experiments[0].inputs if n in linearised.slim.input_names]
-    return [*(f"probe.{place.name}" for place in linearised.system.places), *recorded]
+    connections, recorded = acting_inputs(linearised)
+    return [*(f"probe.{name}" for name in connections), *recorded]
 
 
 def linear_records(linearised: LinearisedProblem, left_out: Sequence[np.ndarray]) -> tuple[LinearRecord, ...]:
@@ -263,7 +271,7 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
     places = [place.name for place in linearised.system.places]
     sources = _sources(linearised)
     sticking = places_that_stick(linearised)
-    shows = _reach(records, noise)
+    shows = steady_reach(records, noise)
     candidates = []
     acting = [(j, source, memories[:1]) for j, source in enumerate(sources)]  # the noise of a recorded input is white
     acting[: len(places)] = [(j, place, memories) for j, place in enumerate(places)]
@@ -281,7 +289,7 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
     return candidates
 
 
-def _reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarray:
+def steady_reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarray:
     """Return how far a steady unit of each source moves the output that it moves most, in noise.
 
     The median over the samples that it moves at all: where dry friction lets go, a small force moves the machine

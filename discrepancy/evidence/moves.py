@@ -17,6 +17,7 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import changed_share, simulation_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, proposed_effects
+from discrepancy.evidence.unknown_law import UnknownLaw
 from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.stages.stage import Stage
 from discrepancy.statistics.masking_pairs import Pair, PairScores
@@ -74,6 +75,8 @@ class TriedModel:
         False where records are not predicted better with it, whatever the evidence.
     taken : bool
         Whether it is the search's answer.
+    unknown_law : UnknownLaw or None
+        What follows the machine's state beside it, once that has been asked.
     """
 
     likelihood: StageLikelihood | None
@@ -88,6 +91,7 @@ class TriedModel:
     better: bool = False
     matters: bool = True
     taken: bool = False
+    unknown_law: UnknownLaw | None = None
 
     def refuse(self, why: str) -> None:
         """Note that the model is not taken although the evidence is for it: the difference does not matter."""
@@ -109,9 +113,20 @@ class TriedModel:
         """Log evidence; minus infinity where there is none."""
         return self.evidence.total if self.evidence is not None else -math.inf
 
+    @property
+    def log_odds(self) -> float:
+        """Log prior probability of the model; zero where it has no evidence."""
+        return self.evidence.log_odds if self.evidence is not None else 0.0
+
+    @property
+    def total_with_law(self) -> float:
+        """Log evidence with what follows the machine's state, if that is announced; else without."""
+        law = self.unknown_law
+        return self.total + (law.gain if law is not None and law.announced else 0.0)
+
     def to_dict(self) -> dict[str, object]:
         """Return it as it stands in decisions.json."""
-        evidence = self.evidence
+        evidence, law = self.evidence, self.unknown_law
         return {
             "effects": list(self.key),
             "move": self.move,
@@ -128,6 +143,7 @@ class TriedModel:
             "p_value": self.p_value,
             "taken": self.taken,
             "outcome": self.outcome,
+            **({"unknown_law": law.to_dict()} if law is not None else {}),
         }
 
 

@@ -42,6 +42,9 @@ class Policy:
     relevance : float
         Share of the mean square error of some output, simulated with parameters from the other records, that an effect
         must take away, a hundredth of the error itself: nobody would see less in a figure.
+    unnamed_relevance : float
+        The same for what has no name, a fifth of the error itself.  No law can be added to the model for it, and much
+        leaves a little: how a drive moves between two samples, another solver, the steps of a converter.
     harm : float
         Share by which the mean square error of no output may grow, in the same sense.
     simulation_errors : float
@@ -69,6 +72,7 @@ class Policy:
     pair_advantage: float = 5.0
     improvement: float = 3.0
     relevance: float = 0.02
+    unnamed_relevance: float = 0.05
     harm: float = 0.02
     simulation_errors: float = 2.0
     predictive_errors: float = 1.0

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.unknown_law import UNKNOWN
 from discrepancy.stages.stage import RivalExplanation
+from discrepancy.statistics.verdicts import Verdict
 
 if TYPE_CHECKING:
+    from discrepancy.evidence.criterion import ModelPrior
     from discrepancy.evidence.moves import TriedModel
     from discrepancy.evidence.proposals import Proposals
 
-__all__ = ["UNKNOWN", "Posterior", "posterior", "rivals_of"]
-
-UNKNOWN = "unknown_force"  # the kind of a force that is found without a law
+__all__ = ["Posterior", "posterior", "rivals_of"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,8 @@ class Posterior:
     effects : tuple of EffectProbability
         Of the effects that were found.
     models : mapping of tuple to float
-        Every model that was tried, by the names of its effects.
+        Every model that was tried, by the names of its effects.  Where nothing was found, the first that together reach
+        95 % are the answers that the records leave open.
     """
 
     nothing: float
@@ -89,13 +91,15 @@ def posterior(
     found: Sequence[str],
     proposals: Proposals | None,
     final: Proposals | None = None,
+    prior: ModelPrior | None = None,
     *,
     unknown: bool = False,
     temperature: float = POLICY.temperature,
 ) -> Posterior:
     """Return the probabilities of the models that were tried, and of the effects that were found.
 
-    Candidates that change the same as one that was fitted, within what the records can tell, share its evidence.
+    Candidates that change the same as one that was fitted, within what the records can tell, share its evidence; those
+    that were not fitted beside the model that was taken have their linear evidence.
 
     Parameters
     ----------
@@ -105,71 +109,101 @@ def posterior(
     proposals : Proposals or None
         Of the model without effects: what changes the same.
     final : Proposals or None
-        Of the model that was taken: what changes the same there as well.
+        Of the model that was taken: what changes the same there as well, and what else might be added.
+    prior : ModelPrior or None
+        What a further effect costs; without it none is added.
     unknown : bool
         Whether the model that was taken fails its predictive checks: what it leaves of the probability of "nothing" is
         then that of "unknown".
     temperature : float
-        Divisor of the log evidence.
+        Divisor of the log evidence.  What is known before the records are seen is not divided.
 
     Notes
     -----
     A model with an effect that would not matter (it makes no prediction of records left out better) counts as the
-    model that it was made of.
+    model that it was made of, and so do those that change the same.
     """
-    totals = {k: m.total for k, m in models.items() if math.isfinite(m.total)}
-    totals |= _twin_models(totals, proposals, final)
-    probabilities = _of_what_matters(_softmax(totals, temperature), models, found)
+    weights = {k: _Weight(m.total - m.log_odds, m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)}
+    weights |= _twin_models(weights, proposals, final)
+    weights |= _unknown_laws(weights, models)
+    taken = models.get(tuple(sorted(found)))
+    if prior is not None and final is not None and taken is not None:
+        weights |= _models_not_fitted(weights, taken, final, prior)
+    probabilities = _of_what_matters(weights, temperature, models, found)
     nothing = probabilities.get((), 0.0)
     of_unknown = sum(p for k, p in probabilities.items() if any(n.startswith(UNKNOWN) for n in k))
-    effects = []
-    for name in found:
-        own = sum(p for k, p in probabilities.items() if name in k)
-        kind, _, where = name.partition("@")
-        rest = {n for n in found if n != name}
-        others: dict[str, float] = {}
-        for key, p in probabilities.items():
-            new = set(key) - rest
-            if name not in key and rest <= set(key) and len(new) == 1:
-                other = next(iter(new))
-                others[other] = others.get(other, 0.0) + p
-        alternatives, total = [], own
-        for other, p in sorted(others.items(), key=lambda t: -t[1]):
-            if total >= POLICY.set_share or p < POLICY.listed:
-                break
-            alternatives.append((other, p))
-            total += p
-        effects.append(EffectProbability(kind=kind, where=where, probability=own, alternatives=tuple(alternatives)))
+    effects = [_probability_of(name, found, probabilities) for name in found]
     if unknown and not found:
         nothing, of_unknown = 0.0, nothing + of_unknown
     return Posterior(nothing=nothing, unknown=of_unknown, effects=tuple(effects), models=probabilities)
 
 
+def _probability_of(
+    name: str, found: Sequence[str], probabilities: Mapping[tuple[str, ...], float]
+) -> EffectProbability:
+    """Return how probable an effect of the model that was taken is, and what else may stand in its place."""
+    own = sum(p for k, p in probabilities.items() if name in k)
+    kind, _, where = name.partition("@")
+    rest = {n for n in found if n != name}
+    others: dict[str, float] = {}
+    for key, p in probabilities.items():
+        new = set(key) - rest
+        if name not in key and rest <= set(key) and len(new) == 1:
+            other = next(iter(new))
+            others[other] = others.get(other, 0.0) + p
+    alternatives, total = [], own
+    for other, p in sorted(others.items(), key=lambda t: -t[1]):
+        if total >= POLICY.set_share or p < POLICY.listed:
+            break
+        alternatives.append((other, p))
+        total += p
+    return EffectProbability(kind=kind, where=where, probability=own, alternatives=tuple(alternatives))
+
+
+@dataclass(frozen=True)
+class _Weight:
+    """Log evidence of a model without its prior odds, these, and the fitted model that it was derived from."""
+
+    data: float
+    odds: float
+    of: tuple[str, ...]
+
+    @property
+    def total(self) -> float:
+        return self.data + self.odds
+
+
 def _of_what_matters(
-    probabilities: Mapping[tuple[str, ...], float], models: Mapping[tuple[str, ...], TriedModel], found: Sequence[str]
+    weights: Mapping[tuple[str, ...], _Weight],
+    temperature: float,
+    models: Mapping[tuple[str, ...], TriedModel],
+    found: Sequence[str],
 ) -> dict[tuple[str, ...], float]:
     """Return the probabilities with those of effects that do not matter added to the model without them."""
+    logs = {k: w.data / temperature + w.odds for k, w in weights.items()}
+    most = max(logs.values(), default=0.0)
+    whole = sum(math.exp(v - most) for v in logs.values())
     out: dict[tuple[str, ...], float] = {}
     taken = tuple(sorted(found))
-    for key, p in probabilities.items():
-        model = models.get(key)
+    for key, value in logs.items():
+        model = models.get(weights[key].of)
         while model is not None and model.parent is not None and not model.matters and key != taken:
             key, model = model.parent, models.get(model.parent)
-        out[key] = out.get(key, 0.0) + p
+        out[key] = out.get(key, 0.0) + math.exp(value - most) / whole
     return out
 
 
 def _twin_models(
-    totals: Mapping[tuple[str, ...], float], proposals: Proposals | None, final: Proposals | None
-) -> dict[tuple[str, ...], float]:
+    weights: Mapping[tuple[str, ...], _Weight], proposals: Proposals | None, final: Proposals | None
+) -> dict[tuple[str, ...], _Weight]:
     """Return models in which a candidate that was not fitted stands for one that was, because both change the same.
 
     Around a model that lacks a large effect much looks alike; what differs around the model that has it is no twin.
     """
-    twins: dict[tuple[str, ...], float] = {}
+    twins: dict[tuple[str, ...], _Weight] = {}
     if proposals is None:
         return twins
-    for key, total in totals.items():
+    for key, weight in weights.items():
         for name in key:
             own = proposals.named(name)
             if own is None:
@@ -177,19 +211,45 @@ def _twin_models(
             for twin in proposals.twins(name):
                 other = tuple(sorted([*(n for n in key if n != name), twin.name]))
                 distinguished = final is not None and name in final.alike and twin.name not in final.alike[name]
-                if twin.name not in key and other not in totals and not distinguished:
-                    value = total + twin.gain - own.gain
-                    twins[other] = max(twins.get(other, -math.inf), min(value, total))
+                if twin.name not in key and other not in weights and not distinguished:
+                    value = weight.data + min(twin.gain - own.gain, 0.0)
+                    if other not in twins or value > twins[other].data:
+                        twins[other] = _Weight(value, weight.odds, key)
     return twins
 
 
-def _softmax(totals: Mapping[tuple[str, ...], float], temperature: float) -> dict[tuple[str, ...], float]:
-    if not totals:
-        return {}
-    most = max(totals.values())
-    weights = {k: math.exp((v - most) / temperature) for k, v in totals.items()}
-    whole = sum(weights.values())
-    return {k: w / whole for k, w in weights.items()}
+def _unknown_laws(
+    weights: Mapping[tuple[str, ...], _Weight], models: Mapping[tuple[str, ...], TriedModel]
+) -> dict[tuple[str, ...], _Weight]:
+    """Return the models with something that follows the machine's state beside them, where that has been asked."""
+    beside = {}
+    for key, model in models.items():
+        law = model.unknown_law
+        if law is not None and law.matters and key in weights:
+            weight = weights[key]
+            data, odds = weight.data + law.gain - law.log_odds, weight.odds + law.log_odds
+            beside[(*key, law.name)] = _Weight(data, odds, key)
+    return beside
+
+
+def _models_not_fitted(
+    weights: Mapping[tuple[str, ...], _Weight], taken: TriedModel, final: Proposals, prior: ModelPrior
+) -> dict[tuple[str, ...], _Weight]:
+    """Return the model that was taken with each of the candidates that were not fitted beside it.
+
+    Those that promised most were fitted, so none is better than the best of these.
+    """
+    base, count = weights[taken.key], len(taken.key)
+    odds = base.odds + prior.log_probability_of_names(count + 1) - prior.log_probability_of_names(count)
+    fitted = [w.data for k, w in weights.items() if len(k) == count + 1 and set(taken.key) < set(k)]
+    most = max(fitted, default=math.inf)
+    negligible = {r.name for r in final.scan.rows if r.verdict is Verdict.NEGLIGIBLE}
+    more = {}
+    for c in final.candidates:
+        key = tuple(sorted([*taken.key, c.name]))
+        if c.name not in taken.key and key not in weights and math.isfinite(c.gain) and c.name not in negligible:
+            more[key] = _Weight(min(base.data + c.gain, most), odds, key)
+    return more
 
 
 def rivals_of(
@@ -201,16 +261,16 @@ def rivals_of(
 ) -> tuple[RivalExplanation, ...]:
     """Return the other explanations of an effect: the models with something else in its place, best first."""
     rest = set(best.key) - {name}
-    totals = {k: m.total for k, m in models.items() if math.isfinite(m.total)}
-    fitted = set(totals)
-    totals |= _twin_models(totals, proposals, final)
+    weights = {k: _Weight(m.total - m.log_odds, m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)}
+    fitted = set(weights)
+    weights |= _twin_models(weights, proposals, final)
     rivals = []
-    for key, total in totals.items():
+    for key, weight in weights.items():
         new = set(key) - rest
         if name in key or not rest <= set(key) or len(new) != 1:
             continue
         kind, _, where = next(iter(new)).partition("@")
-        behind = best.total - total
+        behind = best.total - weight.total
         rivals.append(
             RivalExplanation(
                 kind=kind,

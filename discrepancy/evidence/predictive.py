@@ -8,15 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.evidence.likelihood import StageLikelihood, noise_floor, record_columns
-from discrepancy.innovations.noise_fit import prior_precision
+from discrepancy.innovations.noise_fit import RecordColumns, prior_precision
+from discrepancy.innovations.noise_model import NoiseModel
 from discrepancy.stages.stage import Stage
 
 __all__ = [
     "PredictiveGain",
     "changed_share",
     "gain_of_errors",
+    "gain_of_scores",
     "held_out_errors",
     "predictive_gain",
+    "scores_of_blocks",
     "simulation_gain",
 ]
 
@@ -56,7 +59,12 @@ class PredictiveGain:
 
 def predictive_gain(one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
     """Return by how much ``one`` predicts blocks of the identification records left out better than ``other``."""
-    difference = predictive_scores(one) - predictive_scores(other)
+    return gain_of_scores(predictive_scores(one), predictive_scores(other))
+
+
+def gain_of_scores(one: np.ndarray, other: np.ndarray) -> PredictiveGain:
+    """Return by how much the first scores of the same blocks, (n_blocks,), are higher than the second."""
+    difference = one - other
     n = difference.size
     error = float(np.sqrt(n * np.var(difference, ddof=1))) if n > 1 else np.inf
     return PredictiveGain(gain=float(np.sum(difference)), standard_error=error, blocks=n)
@@ -168,10 +176,17 @@ def predictive_scores(likelihood: StageLikelihood) -> np.ndarray:
     """
     noise = likelihood.noise
     columns, std, offset = record_columns(likelihood.linearised, noise.records, likelihood.held)
+    return scores_of_blocks(columns, noise.model, std, offset)
+
+
+def scores_of_blocks(
+    columns: Sequence[RecordColumns], model: NoiseModel, std: np.ndarray, offset: np.ndarray
+) -> np.ndarray:
+    """Return the same of records under a noise model and priors of their shared parameters."""
     parts = max(1, -(-BLOCKS // len(columns)))
     blocks, roots = [], []
     for record in columns:
-        white = record.whitened(noise.model)
+        white = record.whitened(model)
         n_c = record.residual.shape[1]
         for rows in np.array_split(np.arange(len(record.residual)), parts):
             part = slice(int(rows[0]) * n_c, (int(rows[-1]) + 1) * n_c)

@@ -17,6 +17,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
+from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import AcceptedEffect, Stage
@@ -66,6 +67,7 @@ class EvidenceSearch:
         while (model := self._next()) is not None:
             self._extend(model)
         best = self._confirmed(self._kept_by_prediction(self._ranked()[0]))
+        best = self._beside_unknown_law(best)
         best.taken = True
         self._make_stages(start, best)
 
@@ -389,6 +391,37 @@ class EvidenceSearch:
             self.unconfirmed.append(weakest[2])
             best = weakest[1]
         return best
+
+    def _beside_unknown_law(self, best: TriedModel) -> TriedModel:
+        """Return the most probable of a model and those with one effect less or none, each with an unknown law.
+
+        A force without a name is a rival of every name.  Where it explains the records better than an effect does, and
+        the effect adds nothing to it, the name is wrong, or is one of many that would do.
+        """
+        fewer = [self.models[key] for p in moves.drops(best) if (key := key_of(p.effects)) in self.models]
+        rivals = list({m.key: m for m in (best, *fewer, *([self.start] if self.start else []))}.values())
+        for model in rivals:
+            self._ask_for_unknown_law(model)
+        likeliest = max(rivals, key=lambda m: m.total_with_law)
+        if likeliest is best or likeliest.total_with_law <= best.total_with_law + POLICY.improvement:
+            return best
+        law = likeliest.unknown_law
+        assert law is not None
+        best.better = False
+        best.outcome = f"a law that is not in the catalogue explains the records better: {law.name}"
+        self.state.progress(f"{best.name}: {best.outcome}")
+        return likeliest
+
+    def _ask_for_unknown_law(self, model: TriedModel) -> None:
+        likelihood = model.likelihood
+        if likelihood is None or model.unknown_law is not None:
+            return
+        self.state.progress(f"what follows the machine's state beside {model.name}")
+        model.unknown_law = self.state.if_simulated(
+            "whether something follows the machine's state by an unknown law", lambda: unknown_law(likelihood)
+        )
+        likelihood.free_memory()
+        give_back()
 
     def _fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
         """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""

@@ -10,6 +10,7 @@ from typing import Any
 __all__ = ["Score", "judged"]
 
 WORSE = 1.02  # of the recalibrated model's held-out error: what the noise of a record alone can move it by
+SET = 0.95  # of the probability: what the answers that the records leave open reach together
 CONFIDENT = 0.8  # probability from which a wrong name counts as a confident one
 
 
@@ -42,9 +43,10 @@ class Score:
     first : bool
         The first effect named is hidden.
     in_set : bool
-        Every hidden effect is named, or in the set of one that is named.
+        Every hidden effect is named, or in the set of one that is named; where nothing is named, in one of the answers
+        that together reach `SET` of the probability.
     set_size : float
-        Mean number of names in the sets of the effects named; zero where none is.
+        Mean number of names in the sets of the effects named; where none is, the number of those answers.
     invented : int
         Effects named that are not hidden, and whose set holds none that is.
     confident_wrong : bool
@@ -88,19 +90,20 @@ def judged(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Score:
     sets = [_set_of(effect, answer) for effect in named]
     hits = [any(_is_one_of(name, accept) for name in each for accept in accepted) for each in sets]
     unknown = answer["verdict"] in ("unknown effect", "partly explained")
-    in_set = bool(accepted) and all(any(_is_one_of(n, a) for each in sets for n in each) for a in accepted)
+    found = _all_in(accepted, sets)
+    left_open = [] if sets else _left_open(answer)
     invented = len(hits) - sum(hits)
     right = {
         "none": not answer["effects"] and answer["verdict"] == "nothing missing",
         "outside": unknown and not named,
-    }.get(category, in_set and not invented)
+    }.get(category, found and not invented)
     statements = _statements(category, accepted, sets, answer, unknown)
     last, before = answer["stages"][-1]["validate"], answer["stages"][min(1, len(answer["stages"]) - 1)]["validate"]
     return Score(
         right=right,
         first=bool(named) and any(_is_one_of(sets[0][0], a) for a in accepted),
-        in_set=in_set,
-        set_size=sum(map(len, sets)) / len(sets) if sets else 0.0,
+        in_set=found or _all_in(accepted, left_open),
+        set_size=sum(map(len, sets)) / len(sets) if sets else float(len(left_open)),
         invented=invented,
         confident_wrong=any(s.probability >= CONFIDENT and not s.true and "@" in s.said for s in statements),
         unknown=unknown,
@@ -109,6 +112,23 @@ def judged(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Score:
         named=tuple(f"{e['kind']}@{e['where']}" for e in answer["effects"]),
         statements=statements,
     )
+
+
+def _all_in(accepted: Sequence[Sequence[str]], sets: Sequence[Sequence[str]]) -> bool:
+    """Tell whether there is something hidden and all of it is in some set."""
+    return bool(accepted) and all(any(_is_one_of(n, a) for each in sets for n in each) for a in accepted)
+
+
+def _left_open(answer: Mapping[str, Any]) -> list[list[str]]:
+    """Return the most probable answers that reach `SET` together, each as the names of its effects."""
+    answers: list[list[str]] = []
+    reached = 0.0
+    for entry in answer.get("probabilities", {}).get("models", []):
+        if reached >= SET:
+            break
+        answers.append(list(entry["effects"]))
+        reached += float(entry["probability"])
+    return answers
 
 
 def _name(entry: Mapping[str, Any]) -> str:
