@@ -105,12 +105,12 @@ class UnknownLaw:
         signals = [_in_words(name) for name in self.depends_on]
         follows = " and ".join([", ".join(signals[:-1]), signals[-1]] if len(signals) > 1 else signals)
         output, share = max(self.share.items(), key=lambda t: t[1])
+        accounts = f"{100.0 * min(share, 1.0):.0f} % of the mean square error of {output}"
         gain = f"{self.predictive.gain:.0f} ± {self.predictive.standard_error:.0f} nats"
         return (
             "Something follows the machine's state by no law of the catalogue. It is best described as "
-            f"{what} that is a function of {follows}, and accounts for {100.0 * min(share, 1.0):.0f} % of the mean "
-            f"square error of {output} (log evidence {self.gain:+.0f}; blocks of the records that were left out are predicted "
-            f"better by {gain})."
+            f"{what} that is a function of {follows}, and accounts for {accounts} (log evidence {self.gain:+.0f}; blocks "
+            f"of the records that were left out are predicted better by {gain})."
         )
 
     def to_dict(self) -> dict[str, object]:
