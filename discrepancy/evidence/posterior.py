@@ -237,7 +237,8 @@ def _models_not_fitted(
 ) -> dict[tuple[str, ...], _Weight]:
     """Return the model that was taken with each of the candidates that were not fitted beside it.
 
-    Those that promised most were fitted, so none is better than the best of these.
+    Those that promised most were fitted, so none is better than the best of these.  One that the records do not ask for
+    is no answer of its own: its strength is zero within what they can tell.
     """
     base, count = weights[taken.key], len(taken.key)
     odds = base.odds + prior.log_probability_of_names(count + 1) - prior.log_probability_of_names(count)
@@ -247,7 +248,7 @@ def _models_not_fitted(
     more = {}
     for c in final.candidates:
         key = tuple(sorted([*taken.key, c.name]))
-        if c.name not in taken.key and key not in weights and math.isfinite(c.gain) and c.name not in negligible:
+        if c.gain > 0.0 and c.name not in taken.key and key not in weights and c.name not in negligible:
             more[key] = _Weight(min(base.data + c.gain, most), odds, key)
     return more
 

@@ -109,8 +109,8 @@ class UnknownLaw:
         gain = f"{self.predictive.gain:.0f} ± {self.predictive.standard_error:.0f} nats"
         return (
             "Something follows the machine's state by no law of the catalogue. It is best described as "
-            f"{what} that is a function of {follows}, and accounts for {accounts} (log evidence {self.gain:+.0f}; blocks "
-            f"of the records that were left out are predicted better by {gain})."
+            f"{what} that is a function of {follows}, and accounts for {accounts} (log evidence {self.gain:+.0f}; "
+            f"blocks of the records that were left out are predicted better by {gain})."
         )
 
     def to_dict(self) -> dict[str, object]:

@@ -171,6 +171,8 @@ def _statements(
         probability: dict[str, float] = {}
         for entry in shown["effects"]:
             for each in (entry, *entry.get("set", [])):
+                if each["kind"] == "unknown_force":
+                    continue  # part of "unknown"
                 probability.setdefault(_name(each), float(each["probability"]))
         pairs = list(probability.items())
     true = {"nothing": category == "none", "unknown": category == "outside"}

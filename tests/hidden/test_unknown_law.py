@@ -1,0 +1,101 @@
+"""A force that follows the machine's state by no law of the catalogue is reported as unknown; a disturbance is not.
+
+A carriage on a spring, pushed by a recorded force.  The force that is missing grows with the square of the speed and
+turns with the position: towards the middle from either side, the faster the more.  No law of the catalogue is like it.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from plain_machines import RECORDS, diagnosed, low_passed, written
+from scipy.integrate import solve_ivp
+
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.unknown_law import UnknownLaw, unknown_law
+from discrepancy.study.study import Study
+
+MODELS = """
+from multibody import Model
+from multibody import library as lib
+
+
+def carriage():
+    m = Model("carriage")
+    mass = m.add("carriage", lib.Mass(m=2.0))
+    spring = m.add("spring", lib.SpringDamper(stiffness=200.0, damping=8.0))
+    push = m.add("push", lib.ForceSource())
+    m.connect(mass.flange, spring.b, push.flange)
+    m.connect(spring.a, m.ground)
+    m.input("push.force", push.force)
+    return m
+"""
+
+STUDY = """
+[model]
+build = "models.py:carriage"
+
+[uncertain]
+"carriage.m" = { value = 2.0, std = 0.1, min = 0.0 }
+"spring.stiffness" = { value = 200.0, std = 20.0, min = 0.0 }
+"spring.damping" = { value = 8.0, std = 2.0, min = 0.0 }
+
+[inputs]
+"push.force" = { column = "force_N" }
+
+[outputs]
+"carriage.position" = { column = "position_m", noise = 2e-4 }
+"carriage.velocity" = { column = "velocity_m_s", noise = 2e-3 }
+"""
+
+
+def carriage(rng: np.random.Generator, strength: float) -> dict[str, np.ndarray]:
+    """Return one record of the machine: 20 s at 50 Hz, a disturbance of 0.5 N included."""
+    t = np.arange(0.0, 20.0, 0.02)
+    force = 20.0 * np.sin(2.0 * np.pi * t / 4.0 + rng.uniform(0.0, 6.0)) + 10.0 * low_passed(rng, t, 1.0)
+    wind = 0.5 * low_passed(rng, t, 3.0)
+
+    def rates(now, y):
+        x, v = y
+        missing = strength * x * v**2
+        return [v, (np.interp(now, t, force + wind) - missing - 210.0 * x - 7.5 * v) / 2.05]
+
+    y = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    return {
+        "time_s": t,
+        "force_N": force,
+        "position_m": y[0] + 2e-4 * rng.standard_normal(t.size),
+        "velocity_m_s": y[1] + 2e-3 * rng.standard_normal(t.size),
+    }
+
+
+def law_of(tmp_path, strength: float, seed: int) -> UnknownLaw:
+    file = written(tmp_path, MODELS, partial(carriage, strength=strength), STUDY + RECORDS, seed=seed)
+    law = unknown_law(StageLikelihood(stage=Study.from_file(file).stage))
+    assert law is not None
+    return law
+
+
+def test_a_force_without_a_name_is_found_with_what_it_follows(tmp_path) -> None:
+    law = law_of(tmp_path, strength=150.0, seed=21)
+    assert law.announced
+    assert (law.where, law.acts_on) == ("spring", "connection")
+    assert set(law.depends_on) == {"place.spring.position", "place.spring.velocity"}
+    assert "a force at spring that is a function of" in law.sentence
+
+
+@pytest.mark.parametrize("seed", [22, 23])
+def test_a_disturbance_follows_nothing(tmp_path, seed: int) -> None:
+    law = law_of(tmp_path, strength=0.0, seed=seed)
+    assert not law.announced
+    assert law.gain < 0.0
+
+
+def test_the_answer_names_nothing_and_says_that_something_is_missing(tmp_path) -> None:
+    answer = diagnosed(tmp_path, MODELS, partial(carriage, strength=150.0), STUDY + RECORDS, seed=24)
+    assert answer["verdict"] == "unknown effect"
+    assert [e["kind"] for e in answer["effects"] if e["kind"] != "unknown_force"] == []
+    assert answer["probabilities"]["unknown"] > 0.9
+    assert answer["probabilities"]["nothing"] < 0.1
