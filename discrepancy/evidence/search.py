@@ -403,7 +403,7 @@ class EvidenceSearch:
         for model in rivals:
             self._ask_for_unknown_law(model)
         likeliest = max(rivals, key=lambda m: m.total_with_law)
-        if likeliest is best or likeliest.total_with_law <= best.total_with_law + POLICY.improvement:
+        if likeliest is best or likeliest.total_with_law <= best.total_with_law:
             return best
         law = likeliest.unknown_law
         assert law is not None

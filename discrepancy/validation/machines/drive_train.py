@@ -111,8 +111,8 @@ def _yielded(x: Array, p: Any, h: float) -> Array:
     return np.stack([*x[:4], bent])
 
 
-def _step(x: Array, u: Any, w: Any, p: Any, h: float) -> Array:
-    return _yielded(_MOTION(_yielded(x, p, 0.5 * h), u, w, p, h), p, 0.5 * h)
+def _step(x: Array, drives: Any, w: Any, p: Any, h: float) -> Array:
+    return _yielded(_MOTION(_yielded(x, p, 0.5 * h), drives, w, p, h), p, 0.5 * h)
 
 
 def _observe(x: Array, u: Any, p: Any) -> dict[str, Array]:

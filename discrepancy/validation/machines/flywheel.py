@@ -52,8 +52,9 @@ def _start(p: Any) -> list[Array]:
     return [p.speed_0]
 
 
-def _step(x: Array, u: Any, w: Any, p: Any, h: float) -> Array:
+def _step(x: Array, drives: Any, w: Any, p: Any, h: float) -> Array:
     """Half a step of friction, a step of torque, half a step of friction; friction alone cannot turn the wheel back."""
+    u = drives(0.5)
 
     def slowed(speed: Array) -> Array:
         size = np.abs(speed)

@@ -97,8 +97,9 @@ def _control(memory: Any, seen: Any, u: Any, p: Any) -> tuple[Any, dict[str, Arr
     return memory, {"force": 180.0 * e + memory}
 
 
-def _step(x: Array, u: Any, w: Any, p: Any, h: float) -> Array:
+def _step(x: Array, drives: Any, w: Any, p: Any, h: float) -> Array:
     """Half a step of motion, a step of forces with the friction's impulse bounded, half a step of motion."""
+    u = drives(0.5)
     s = x[0] + 0.5 * h * x[1]
     ripple = p.cogging * np.sin(2.0 * np.pi * s / PITCH + p.phase)
     force = u["force"] * (1.0 + p.reluctance * np.sin(4.0 * np.pi * s / PITCH)) + ripple + w["slide"] + p.pull

@@ -184,7 +184,8 @@ class Machine:
     start : callable
         From the values, the states at the first row, one array each.
     step : callable
-        From states, drives, disturbances, values and the length of a step, the states after it.
+        From states, drives (a function of the part of the step that has passed), disturbances, values and the length of
+        a step, the states after it.
     observe : callable
         From states, drives and values, the true value of each channel.
     control : callable, optional
@@ -208,7 +209,7 @@ class Machine:
     rows: int
     excite: Callable[[np.random.Generator, Array], Signals]
     start: Callable[[Values], Sequence[Array]]
-    step: Callable[[Array, Signals, Signals, Values, float], Array]
+    step: Callable[[Array, Callable[[float], Signals], Signals, Values, float], Array]
     observe: Callable[[Array, Signals, Values], Signals]
     starts: tuple[Start, ...] = ()
     control: Callable[[Any, Signals, Signals, Values], tuple[Any, Signals]] | None = None

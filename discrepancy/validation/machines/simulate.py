@@ -15,15 +15,18 @@ __all__ = ["rk4", "simulate"]
 
 Array = NDArray[np.float64]
 
+END = 1.0 - 1e-9  # of a step: a drive that is held still has its value there
+
 
 def rk4(rates: Callable[..., Any]) -> Callable[..., Array]:
-    """Return a step of the classical Runge–Kutta method for ``rates(x, u, w, p)``, with drives held over the step."""
+    """Return a step of the classical Runge–Kutta method for ``rates(x, u, w, p)``; drives move along the step."""
 
-    def step(x: Array, u: Any, w: Any, p: Any, h: float) -> Array:
-        k_1 = np.stack(rates(x, u, w, p))
-        k_2 = np.stack(rates(x + 0.5 * h * k_1, u, w, p))
-        k_3 = np.stack(rates(x + 0.5 * h * k_2, u, w, p))
-        k_4 = np.stack(rates(x + h * k_3, u, w, p))
+    def step(x: Array, drives: Callable[[float], Any], w: Any, p: Any, h: float) -> Array:
+        begin, middle, end = (drives(part) for part in (0.0, 0.5, 1.0))
+        k_1 = np.stack(rates(x, begin, w, p))
+        k_2 = np.stack(rates(x + 0.5 * h * k_1, middle, w, p))
+        k_3 = np.stack(rates(x + 0.5 * h * k_2, middle, w, p))
+        k_4 = np.stack(rates(x + h * k_3, end, w, p))
         return x + h / 6.0 * (k_1 + 2.0 * (k_2 + k_3) + k_4)
 
     return step
@@ -94,8 +97,12 @@ def simulate(
             column.append(now[name])
         w = {place: silence if disturbance is None else disturbance.get(place, _NONE)[row] for place in machine.places}
         for k in range(machine.substeps if row + 1 < rows else 0):
-            part = (k + 0.5) / machine.substeps
-            x = machine.step(x, {name: s(row, part) for name, s in signals.items()} | given, w, p, h)
+
+            def along(part: float, row: int = row, k: int = k, given: dict[str, Array] = given) -> dict[str, Array]:
+                now = (k + min(part, END)) / machine.substeps
+                return {name: s(row, now) for name, s in signals.items()} | given
+
+            x = machine.step(x, along, w, p, h)
     if not np.isfinite(x).all():
         raise FloatingPointError(f"{machine.name}: a run left the finite numbers; give it more substeps")
     t = np.asarray(machine.dt * np.arange(rows), dtype=np.float64)[:, None]

@@ -65,8 +65,9 @@ def _start(p: Any) -> list[Array]:
     return [0.02 + p.place_0, zero, zero]
 
 
-def _step(x: Array, u: Any, w: Any, p: Any, h: float) -> Array:
+def _step(x: Array, drives: Any, w: Any, p: Any, h: float) -> Array:
     """Semi-implicit Euler; inside the band of rest the stem stays while the packing can hold it."""
+    u = drives(0.5)
     s, v, rested = x
     push = AREA * u["pressure"] - p.k * (s + PRELOAD) - p.bend * (s - 0.02) ** 3 + w["stem"] + p.flow
     speed = np.abs(v)
