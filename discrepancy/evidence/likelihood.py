@@ -90,9 +90,10 @@ class StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
         return replace(self, start=self.noise.model, grow=True)
 
-    def neighbour(self, stage: Stage) -> StageLikelihood:
-        """Return the likelihood of another fit on the same samples; its noise begins with the processes of this one."""
-        return StageLikelihood(stage=stage, start=self.noise.model, grow=False, given_left_out=self.left_out)
+    def neighbour(self, stage: Stage, noise: NoiseModel | None = None) -> StageLikelihood:
+        """Return the likelihood of another fit on the same samples; its noise begins with this one's, or as given."""
+        start = noise or self.noise.model
+        return StageLikelihood(stage=stage, start=start, grow=False, given_left_out=self.left_out)
 
     @property
     def linearised(self) -> LinearisedProblem:

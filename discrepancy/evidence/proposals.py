@@ -14,7 +14,6 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of, simpler_in
 from discrepancy.evidence.criterion import log_prior_of_strengths, strength_scale
 from discrepancy.evidence.likelihood import (
-    FittedNoise,
     StageLikelihood,
     fitted_noise,
     noise_floor,
@@ -23,6 +22,8 @@ from discrepancy.evidence.likelihood import (
 )
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
 from discrepancy.evidence.policy import POLICY
+from discrepancy.innovations.noise_fit import WORTH, restricted_log_likelihood
+from discrepancy.innovations.noise_model import NoiseModel
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -41,6 +42,9 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
+#: Share of the log evidence lost without a latent process that a candidate in its place must regain for the noise to be
+#: fitted anew beside it: more than half, else the process does mostly something else.
+REGAINED = 0.5
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
@@ -67,6 +71,8 @@ class ScoredCandidate:
         infinity where it would act the other way.
     direction : ndarray, shape (n_rows, k)
         Orthonormal: what it changes that calibration cannot.
+    noise : NoiseModel or None
+        Under which it was scored.
     """
 
     candidate: Candidate
@@ -74,6 +80,7 @@ class ScoredCandidate:
     expected_strength: np.ndarray
     gain: float
     direction: np.ndarray
+    noise: NoiseModel | None = None
 
     @property
     def name(self) -> str:
@@ -109,11 +116,14 @@ class Proposal:
         Of the model that is proposed.
     starts : tuple of tuple of Effect
         Further sets of values from which the fit may begin.
+    noise : NoiseModel or None
+        From which the fit of the noise begins; None: from that of the model that is extended.
     """
 
     move: str
     effects: tuple[Effect, ...]
     starts: tuple[tuple[Effect, ...], ...] = ()
+    noise: NoiseModel | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -193,8 +203,9 @@ def propose(
 ) -> Proposals:
     """Score every candidate on a stage's innovations.
 
-    A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored twice:
-    under the noise of the model as it is, and under the noise that is left when the best of them is part of the model.
+    What is missing is first taken for noise, and the noise then hides it.  So the candidates are scored several times:
+    under the noise of the model as it is, under that without one of its latent processes each, and under the noise that
+    is left when the best candidate so far is part of the model.  All gains are over the model with its own noise.
 
     Parameters
     ----------
@@ -217,7 +228,7 @@ def propose(
     progress(f"scores of {count_text(len(raw), 'candidate')}")
     residual, sens = problem.residual(), problem.sensitivities()
     noise = noise_floor(plain)
-    scoring = _Scoring.of(problem, raw, noise)
+    scoring = _Scoring.of(problem, raw, noise, likelihood.noise.model)
     result = scan(
         residual,
         sens,
@@ -231,18 +242,16 @@ def propose(
     likeness = parameter_likeness(sens)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, scoring.white, POLICY.same_direction)
-    scorings = [scoring]
-    if scoring.ranked and np.any(scoring.ranked[0].expected_strength):
-        leading = scoring.ranked[0]
-        progress(f"the noise that is left beside {leading.name}")
-        beside = plain.weighted_by(_noise_beside(likelihood, leading).weighting())
-        scorings.append(_Scoring.of(beside, raw, noise))
+    scorings = [scoring, *_scorings_beside_leading(likelihood, scoring, progress)]
     owned = same_law | _owned(scorings, likeness)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
-    best = {c.name: c for c in scorings[0].ranked if c.name not in owned}
-    again = {c.name: c for c in scorings[-1].ranked if c.name not in owned}
     # the direction decides what is alike: one metric for all
-    candidates = sorted((best | again).values(), key=lambda c: -c.gain)
+    directions = {c.name: c.direction for c in scorings[-1].ranked}
+    best: dict[str, ScoredCandidate] = {}
+    for c in (c for s in scorings for c in s.ranked if c.name not in owned):
+        if c.name not in best or c.gain > best[c.name].gain:
+            best[c.name] = replace(c, direction=directions.get(c.name, c.direction))
+    candidates = sorted(best.values(), key=lambda c: -c.gain)
     return Proposals(
         scan=result, candidates=tuple(candidates), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
     )
@@ -272,6 +281,9 @@ class _Scoring:
     noise : ndarray, shape (n_channels,)
         Of the sensors, SI.
     scored : WhitenedProblem
+    model : NoiseModel
+    offset : float
+        Log evidence of the stage with that noise over that with its own, both without a candidate.
     """
 
     problem: LinearisedProblem
@@ -279,18 +291,45 @@ class _Scoring:
     white: Sequence[Candidate]
     noise: np.ndarray
     scored: WhitenedProblem
+    model: NoiseModel
+    offset: float
 
     @classmethod
-    def of(cls, problem: LinearisedProblem, raw: Sequence[Candidate], noise: np.ndarray) -> _Scoring:
+    def of(
+        cls,
+        problem: LinearisedProblem,
+        raw: Sequence[Candidate],
+        noise: np.ndarray,
+        model: NoiseModel,
+        offset: float = 0.0,
+    ) -> _Scoring:
         """Score candidates, given as changes of the outputs."""
         white = _whitened(raw, problem.weighting)
         scored = _scored(problem, problem.sensitivities(), white)
-        return cls(problem=problem, raw=raw, white=white, noise=noise, scored=scored)
+        return cls(problem=problem, raw=raw, white=white, noise=noise, scored=scored, model=model, offset=offset)
+
+    @classmethod
+    def under(
+        cls, likelihood: StageLikelihood, model: NoiseModel, raw: Sequence[Candidate], noise: np.ndarray
+    ) -> _Scoring:
+        """Score candidates under a noise model that is not the stage's own."""
+        plain, fitted = likelihood.linearised, likelihood.noise
+        columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
+        reached = restricted_log_likelihood(columns, model, std, offset) - WORTH * len(model.processes)
+        own = fitted.log_likelihood - WORTH * len(fitted.model.processes)
+        problem = plain.weighted_by(replace(fitted, model=model).weighting())
+        return cls.of(problem, raw, noise, model, reached - own)
 
     @cached_property
     def ranked(self) -> list[ScoredCandidate]:
-        """The candidates at their best shapes, best first."""
-        return _by_evidence(self.scored, self.raw, self.noise)
+        """The candidates at their best shapes, best first; their gain is over the model with its own noise."""
+        ranked = _by_evidence(self.scored, self.raw, self.noise)
+        return [replace(c, gain=c.gain + self.offset, noise=self.model) for c in ranked]
+
+    @property
+    def leading(self) -> ScoredCandidate | None:
+        """The best candidate; None if there is none, or if it would act the other way."""
+        return self.ranked[0] if self.ranked and np.any(self.ranked[0].expected_strength) else None
 
     def gain_beside(self, name: str, parameter: str) -> float:
         """Return by how much the log evidence rises with a candidate where a parameter is fitted without its prior."""
@@ -298,7 +337,33 @@ class _Scoring:
         sens = self.problem.sensitivities()
         free = replace(sens, prior_std=np.where(np.array(sens.names) == parameter, np.inf, sens.prior_std))
         ranked = _by_evidence(_scored(self.problem, free, self.white[k : k + 1]), self.raw[k : k + 1], self.noise)
-        return ranked[0].gain if ranked else -math.inf
+        return ranked[0].gain + self.offset if ranked else -math.inf
+
+
+def _scorings_beside_leading(
+    likelihood: StageLikelihood, own: _Scoring, progress: Callable[[str], None]
+) -> list[_Scoring]:
+    """Return the scores under the noise that is left beside the best candidates.
+
+    One for each latent process of the noise: the candidate that explains best what the process does, if it explains
+    most of that, with the noise anew from the other processes, for what else the process did.  The last for the best
+    candidate of all, with the noise of the model as it is.
+    """
+    model, scorings = likelihood.noise.model, []
+    for k, process in enumerate(model.processes):
+        progress(f"what may stand in the place of what is random at {process.where}")
+        rest = replace(model, processes=tuple(q for j, q in enumerate(model.processes) if j != k))
+        without = _Scoring.under(likelihood, rest, own.raw, own.noise)
+        leading = without.leading
+        if leading is not None and leading.gain > (1.0 - REGAINED) * without.offset:
+            beside = _noise_beside(likelihood, leading, rest, grow=True)
+            scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
+    leading = max((c for s in (own, *scorings) if (c := s.leading) is not None), key=lambda c: c.gain, default=None)
+    if leading is not None:
+        progress(f"the noise that is left beside {leading.name}")
+        beside = _noise_beside(likelihood, leading, model, grow=False)
+        scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
+    return scorings
 
 
 def _owned(scorings: Sequence[_Scoring], likeness: ParameterLikeness) -> dict[str, str]:
@@ -367,7 +432,7 @@ def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray
     return sorted(out, key=lambda c: -c.gain)
 
 
-def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate) -> FittedNoise:
+def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate, start: NoiseModel, *, grow: bool) -> NoiseModel:
     """Return the noise of a model that has a candidate in it, in the linearised problem."""
     plain, fitted = likelihood.linearised, likelihood.noise
     columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
@@ -380,9 +445,9 @@ def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate) -> Fitte
         with_columns(columns, more),
         np.concatenate([std, np.full(width, np.inf)]),
         np.concatenate([offset, np.zeros(width)]),
-        fitted.model,
-        grow=False,
-    )
+        start,
+        grow=grow,
+    ).model
 
 
 def proposed_effects(scored: ScoredCandidate, effects: Sequence[Effect]) -> Proposal:
@@ -399,4 +464,5 @@ def proposed_effects(scored: ScoredCandidate, effects: Sequence[Effect]) -> Prop
         move="exchange" if simpler else "add",
         effects=(*kept, expected),
         starts=tuple(starts),
+        noise=scored.noise,
     )
