@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.effects.effect import Effect
-from discrepancy.evidence.likelihood import StageLikelihood, noise_floor
-from discrepancy.innovations.noise_fit import WORTH
+from discrepancy.evidence.likelihood import StageLikelihood, log_price, noise_floor
 
 ROUNDING = 1e-6  # share of an effect's largest strength below zero that counts as zero
 
@@ -133,5 +132,5 @@ def log_evidence(likelihood: StageLikelihood, prior: ModelPrior) -> Evidence:
         log_likelihood=fitted.log_likelihood,
         log_prior=log_prior,
         log_odds=prior.log_probability(stage.effects),
-        log_noise=-WORTH * len(fitted.model.processes),
+        log_noise=log_price(linearised, fitted.model),
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
-from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, likeliest_change
+from discrepancy.innovations.noise_fit import WORTH, RecordColumns, fit_noise, likeliest_change
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -22,6 +22,7 @@ __all__ = [
     "FittedNoise",
     "StageLikelihood",
     "acting_inputs",
+    "log_price",
     "noise_floor",
     "record_columns",
     "steady_reach",
@@ -234,6 +235,21 @@ def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
     channels = linearised.residual().channels
     noise = np.array([linearised.noise.get(c, 0.0) for c in channels])
     return np.maximum(noise / np.sqrt(count), 1e-9 * _spread(linearised))
+
+
+def log_price(linearised: LinearisedProblem, model: NoiseModel) -> float:
+    """Return what the latent processes of a noise model cost in the log evidence: zero, or negative.
+
+    Each pays what it had to earn, for its size and memory are maximised over and not integrated out.  The size of an
+    error of an output has a prior besides, a Cauchy density whose scale is the stated noise of that output: an error
+    that is many times as large, however slowly it changes, is no noise that the owner of the sensor knows of.
+    """
+    price = WORTH * len(model.processes)
+    for process in model.processes:
+        if process.channel >= 0:
+            stated = max(linearised.noise.get(process.where, 0.0), 1e-300)
+            price += float(np.log1p((process.std / stated) ** 2))
+    return -price
 
 
 def _spread(linearised: LinearisedProblem) -> np.ndarray:

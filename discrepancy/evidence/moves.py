@@ -118,6 +118,11 @@ class TriedModel:
         """Log prior probability of the model; zero where it has no evidence."""
         return self.evidence.log_odds if self.evidence is not None else 0.0
 
+    def is_more_probable_than(self, other: TriedModel) -> bool:
+        """Tell whether the model is more probable than another, in the probabilities that are shown."""
+        odds = self.log_odds - other.log_odds
+        return (self.total - other.total - odds) / POLICY.temperature + odds > 0.0
+
     @property
     def total_with_law(self) -> float:
         """Log evidence with what follows the machine's state, if that is announced; else without."""

@@ -36,9 +36,9 @@ class Policy:
     pair_advantage : float
         Nats by which the linear evidence of a pair must exceed that of the best single effect to be fitted at once.
     improvement : float
-        Nats by which a model must be better than the one that it was made of.  The prior odds are part of the
-        evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat for each
-        of the few parameters that an effect has.
+        Nats by which a model must be better than the one that it was made of to be extended.  The prior odds are part
+        of the evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat
+        for each of the few parameters that an effect has.
     relevance : float
         Share of the mean square error of some output, simulated with parameters from the other records, that an effect
         must take away, a hundredth of the error itself: nobody would see less in a figure.

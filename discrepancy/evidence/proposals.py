@@ -16,13 +16,14 @@ from discrepancy.evidence.criterion import log_prior_of_strengths, strength_scal
 from discrepancy.evidence.likelihood import (
     StageLikelihood,
     fitted_noise,
+    log_price,
     noise_floor,
     record_columns,
     with_columns,
 )
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
 from discrepancy.evidence.policy import POLICY
-from discrepancy.innovations.noise_fit import WORTH, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
@@ -315,8 +316,8 @@ class _Scoring:
         """Score candidates under a noise model that is not the stage's own."""
         plain, fitted = likelihood.linearised, likelihood.noise
         columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
-        reached = restricted_log_likelihood(columns, model, std, offset) - WORTH * len(model.processes)
-        own = fitted.log_likelihood - WORTH * len(fitted.model.processes)
+        reached = restricted_log_likelihood(columns, model, std, offset) + log_price(plain, model)
+        own = fitted.log_likelihood + log_price(plain, fitted.model)
         problem = plain.weighted_by(replace(fitted, model=model).weighting())
         return cls.of(problem, raw, noise, model, reached - own)
 

@@ -357,8 +357,8 @@ class EvidenceSearch:
         """Return why an effect is dropped again; an empty text where it stays."""
         if not gain.exceeds(POLICY.predictive_errors):
             return "records left out are predicted no better with it"
-        if best.total - without.total <= POLICY.improvement:
-            return "the evidence for it is weak"
+        if not best.is_more_probable_than(without):
+            return "the model without it is more probable"
         return moves.why_irrelevant(best, without)
 
     def _confirmed(self, best: TriedModel) -> TriedModel:

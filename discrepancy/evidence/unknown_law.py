@@ -20,6 +20,7 @@ from discrepancy.evidence.likelihood import (
     StageLikelihood,
     acting_inputs,
     fitted_noise,
+    log_price,
     noise_floor,
     record_columns,
     steady_reach,
@@ -92,7 +93,8 @@ class UnknownLaw:
     @property
     def announced(self) -> bool:
         """Whether it passes what every effect that is announced must pass."""
-        return self.matters and self.gain > POLICY.improvement and self.predictive.exceeds(POLICY.predictive_errors)
+        odds = (self.gain - self.log_odds) / POLICY.temperature + self.log_odds
+        return self.matters and odds > 0.0 and self.predictive.exceeds(POLICY.predictive_errors)
 
     @property
     def sentence(self) -> str:
@@ -292,10 +294,10 @@ class _Question:
         trials = []
         for z in (size * factor for factor in SIZE_FACTORS):
             own = fitted_noise(linearised, fitted.records, columns, *self.priors(z, count), fitted.model, grow=False)
-            trials.append((own.log_likelihood - WORTH * len(own.model.processes), z, own.model))
+            trials.append((own.log_likelihood + log_price(linearised, own.model), z, own.model))
         value, z, model = max(trials, key=lambda t: t[0])
         plain = fitted_noise(linearised, fitted.records, *self._of_records, model, grow=False)
-        starts = [(q.log_likelihood - WORTH * len(q.model.processes), q.model) for q in (plain, fitted)]
+        starts = [(q.log_likelihood + log_price(linearised, q.model), q.model) for q in (plain, fitted)]
         without, model_without = max(starts, key=lambda t: t[0])
         return _Refit(
             source=source, size=z, gain=value - without, columns=columns, with_law=model, without=model_without
