@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -36,6 +36,9 @@ ROWS = 6000
 SHORTEST = 200
 #: Memories of latent processes: so many, from two samples to a third of a record, evenly in their logarithm.
 MEMORIES = 4
+#: Frequencies of processes that swing: from so many cycles in a record, each twice the last, to so many samples in a
+#: cycle.  Their memory begins with one cycle: so wide a band that the next frequency overlaps it.
+CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 6.0
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3
 SHOWN = 3  # records from which it is worked out how far a force moves the outputs: an order of magnitude is enough
@@ -289,21 +292,31 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
     sources = _sources(linearised)
     sticking = places_that_stick(linearised)
     shows = steady_reach(records, noise)
-    candidates = []
+    octaves = max(int(np.log2(max(longest / (SAMPLES_OF_A_CYCLE * step * CYCLES), 0.5))) + 1, 0)
+    frequencies = CYCLES / longest * 2.0 ** np.arange(octaves)
+    candidates: list[Process] = []
     acting = [(j, source, memories[:1]) for j, source in enumerate(sources)]  # the noise of a recorded input is white
     acting[: len(places)] = [(j, place, memories) for j, place in enumerate(places)]
     acting += [(len(sources) + j, places[j], memories) for j in sticking]
     for j, where, own in acting:
         if shows[j] > 0.0:
-            size, still = float(1.0 / shows[j]), j >= len(sources)
-            candidates += [
-                Process(where=where, source=j, channel=-1, memory=float(m), std=size, at_standstill=still) for m in own
-            ]
+            still = j >= len(sources)
+            slow = Process(
+                where=where, source=j, channel=-1, memory=1.0, std=float(1.0 / shows[j]), at_standstill=still
+            )
+            candidates += _with_spectra(slow, own, () if still else frequencies)
     for c, name in enumerate(linearised.residual().channels):
-        candidates += [
-            Process(where=name, source=-1, channel=c, memory=float(m), std=float(noise[c])) for m in memories[1:]
-        ]
+        slow = Process(where=name, source=-1, channel=c, memory=1.0, std=float(noise[c]))
+        candidates += _with_spectra(slow, memories[1:], frequencies)
     return candidates
+
+
+def _with_spectra(process: Process, memories: Iterable[float], frequencies: Iterable[float]) -> list[Process]:
+    """Return a process with each memory, and swinging with each frequency."""
+    return [
+        *(replace(process, memory=float(m)) for m in memories),
+        *(replace(process, memory=float(1.0 / f), frequency=float(f)) for f in frequencies),
+    ]
 
 
 def steady_reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarray:

@@ -37,17 +37,16 @@ class RandomForces:
         Chance shows by repetition.  A force of which the records hold less than one memory is drawn once, and may as
         well be what the model lacks.
         """
-        return tuple((q, unit) for q, unit in self.processes if q.channel < 0 and q.memory > self.duration)
+        return tuple(
+            (q, unit) for q, unit in self.processes if q.channel < 0 and q.frequency == 0.0 and q.memory > self.duration
+        )
 
     @property
     def sentence(self) -> str:
         """What it is and what was done."""
         if not self.processes:
             return "The records ask for no random force beside the noise of their sensors."
-        parts = [
-            f"{_where_and_how_large(q, unit)} that changes within about {_seconds(q.memory)}"
-            for q, unit in self.processes
-        ]
+        parts = [f"{_where_and_how_large(q, unit)} that {_how_fast(q)}" for q, unit in self.processes]
         return (
             f"Beside the noise of the sensors the records show {', '.join(parts[:-1])}{' and ' if parts[:-1] else ''}"
             f"{parts[-1]} (standard deviations). All effects were judged with these taken into account."
@@ -63,6 +62,7 @@ class RandomForces:
                     "size": q.std,
                     "unit": unit,
                     "memory_s": q.memory,
+                    "frequency_hz": q.frequency,
                     "at_standstill": q.at_standstill,
                 }
                 for q, unit in self.processes
@@ -87,6 +87,12 @@ def _where_and_how_large(process: Process, unit: str, random: str = "random ") -
     what = {"N": "force", "N*m": "torque"}.get(unit, "change")
     text = f"a {random}{what} of {size} at {process.where}"
     return f"{text} while it stands still" if process.at_standstill else text
+
+
+def _how_fast(process: Process) -> str:
+    if not process.swings:
+        return f"changes within about {_seconds(process.memory)}"
+    return f"swings at about {quantity_text(process.frequency, 'Hz', 2)}"
 
 
 def _seconds(memory: float) -> str:

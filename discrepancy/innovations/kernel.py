@@ -22,20 +22,24 @@ def _output_rows(c, d, source, channel, k, H):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, inline="always")
-def _state_rows(phi, g0, g1, source, decay, k, A):  # type: ignore[no-untyped-def]
+def _state_rows(phi, g0, g1, source, partner, along, turn, k, A):  # type: ignore[no-untyped-def]
     """Write how the states of the next sample depend on states and processes of this one, shape (n, n + p)."""
     n = phi.shape[1]
     for i in range(n):
         for s in range(n):
             A[i, s] = phi[k, i, s]
         for j in range(source.size):
+            A[i, n + j] = 0.0
+        for j in range(source.size):
             v = source[j]
-            A[i, n + j] = g0[k, i, v] + decay[k, j] * g1[k, i, v] if v >= 0 else 0.0
+            if v >= 0:
+                A[i, n + j] += g0[k, i, v] + along[k, j] * g1[k, i, v]
+                A[i, n + partner[j]] += turn[k, j] * g1[k, i, v]
 
 
 @njit_kept(calls=(_output_rows, _state_rows), nogil=True)
 def covariance_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, counts, source, channel, decay, variance, noise, gain, root
+    phi, g0, g1, c, d, counts, source, channel, partner, along, turn, variance, noise, gain, root
 ):
     """Run the covariance recursion of the Kalman filter along a record; return the sum of log √det S.
 
@@ -49,8 +53,10 @@ def covariance_pass(  # type: ignore[no-untyped-def]
         Whether the sample was measured and is part of the likelihood.
     source, channel : ndarray of int, shape (p,)
         Column of g0, g1 and d that a process drives, or -1; output that it is added to, or -1.
-    decay : ndarray, shape (N - 1, p)
-        Correlation of each process from one sample to the next.
+    partner : ndarray of int, shape (p,)
+        The process that it turns into and out of; itself if there is none.
+    along, turn : ndarray, shape (N - 1, p)
+        From one sample to the next a process keeps ``along`` of itself and gains ``turn`` of its partner.
     variance : ndarray, shape (p,)
         Stationary variance of each process.
     noise : ndarray, shape (n_c, n_c)
@@ -71,7 +77,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     for j in range(p):
         P[n + j, n + j] = variance[j]
     H, PH = np.zeros((n_c, size)), np.zeros((size, n_c))
-    M, MP = np.zeros((size, size)), np.zeros((size, size))
+    M, MP, U = np.zeros((size, size)), np.zeros((size, size)), np.zeros((p, p))
     S, L, weight = np.zeros((n_c, n_c)), np.zeros((n_c, n_c)), np.zeros((n_c, n_c))
     log_det = 0.0
     for k in range(count):
@@ -142,28 +148,30 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                         P[s, r] = total
         if k + 1 == count:
             break
-        _state_rows(phi, g0, g1, source, decay, k, A)
+        _state_rows(phi, g0, g1, source, partner, along, turn, k, A)
         np.dot(A, P, T)
         np.dot(T, A.T, X)
         for j in range(p):
-            rho = decay[k, j]
+            for t in range(p):
+                U[j, t] = along[k, j] * P[n + j, n + t] + turn[k, j] * P[n + partner[j], n + t]
+        for j in range(p):
             for t in range(j + 1):
-                value = rho * decay[k, t] * P[n + j, n + t]
+                value = along[k, t] * U[j, t] + turn[k, t] * U[j, partner[t]]
                 P[n + j, n + t] = value
                 P[n + t, n + j] = value
-            P[n + j, n + j] += variance[j] * (1.0 - rho * rho)
+            P[n + j, n + j] += variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
         for i in range(n):
             for j in range(p):
-                value = T[i, n + j] * decay[k, j]
+                value = along[k, j] * T[i, n + j] + turn[k, j] * T[i, n + partner[j]]
                 if source[j] >= 0:
-                    value += g1[k, i, source[j]] * variance[j] * (1.0 - decay[k, j] ** 2)
+                    value += g1[k, i, source[j]] * variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
                 P[i, n + j] = value
                 P[n + j, i] = value
             for r in range(i + 1):
                 total = X[i, r]
                 for j in range(p):
                     if source[j] >= 0:
-                        q = variance[j] * (1.0 - decay[k, j] ** 2)
+                        q = variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
                         total += q * g1[k, i, source[j]] * g1[k, r, source[j]]
                 P[i, r] = total
                 P[r, i] = total
@@ -172,7 +180,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
 
 @njit_kept(calls=(_output_rows, _state_rows), nogil=True)
 def score_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, counts, source, channel, decay, gain, root, white, driving, noise
+    phi, g0, g1, c, d, observed, counts, source, channel, partner, along, turn, gain, root, white, driving, noise
 ):
     """Run the disturbance smoother backwards along a record; write what the derivatives of the likelihood consist of.
 
@@ -182,7 +190,7 @@ def score_pass(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    phi, g0, g1, c, d, counts, source, channel, decay, gain, root : ndarray
+    phi, g0, g1, c, d, counts, source, channel, partner, along, turn, gain, root : ndarray
         As in `covariance_pass`.
     observed : ndarray of bool, shape (N,)
     white : ndarray, shape (N_observed, n_c, q)
@@ -206,26 +214,28 @@ def score_pass(  # type: ignore[no-untyped-def]
     for k in range(count - 1, -1, -1):
         if k + 1 < count:
             for j in range(p):
-                rho = decay[k, j]
                 for i in range(n):
                     g[i] = g1[k, i, source[j]] if source[j] >= 0 else 0.0
                 total = 0.0
                 for s in range(q):
-                    along = r[n + j, s]
+                    driven = r[n + j, s]
                     for i in range(n):
-                        along += g[i] * r[i, s]
-                    total += along * along
+                        driven += g[i] * r[i, s]
+                    total += driven * driven
                 total -= N[n + j, n + j]
                 for i in range(n):
                     if g[i] != 0.0:
                         total -= 2.0 * g[i] * N[i, n + j]
                         for t in range(n):
                             total -= g[i] * g[t] * N[i, t]
-                driving[j] += (1.0 - rho * rho) * total
-            _state_rows(phi, g0, g1, source, decay, k, A)
+                driving[j] += (1.0 - along[k, j] ** 2 - turn[k, j] ** 2) * total
+            _state_rows(phi, g0, g1, source, partner, along, turn, k, A)
             for s in range(size):  # r = Aᵀ r, N = Aᵀ N A
                 for t in range(q):
-                    before[s, t] = decay[k, s - n] * r[s, t] if s >= n else 0.0
+                    before[s, t] = 0.0
+                    if s >= n:
+                        other = partner[s - n]
+                        before[s, t] = along[k, s - n] * r[s, t] + turn[k, other] * r[n + other, t]
                 for i in range(n):
                     a = A[i, s]
                     if a != 0.0:
@@ -234,7 +244,10 @@ def score_pass(  # type: ignore[no-untyped-def]
             r, before = before, r
             for s in range(size):
                 for t in range(size):
-                    NA[s, t] = N[s, t] * decay[k, t - n] if t >= n else 0.0
+                    NA[s, t] = 0.0
+                    if t >= n:
+                        other = partner[t - n]
+                        NA[s, t] = N[s, t] * along[k, t - n] + N[s, n + other] * turn[k, other]
                 for i in range(n):
                     a = N[s, i]
                     if a != 0.0:
@@ -242,7 +255,10 @@ def score_pass(  # type: ignore[no-untyped-def]
                             NA[s, t] += a * A[i, t]
             for s in range(size):
                 for t in range(s + 1):
-                    total = decay[k, s - n] * NA[s, t] if s >= n else 0.0
+                    total = 0.0
+                    if s >= n:
+                        other = partner[s - n]
+                        total = along[k, s - n] * NA[s, t] + turn[k, other] * NA[n + other, t]
                     for i in range(n):
                         total += A[i, s] * NA[i, t]
                     N[s, t] = total
@@ -306,7 +322,7 @@ def score_pass(  # type: ignore[no-untyped-def]
 
 @njit_kept(nogil=True)
 def filter_columns(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, counts, source, channel, decay, gain, root, columns, out, inverse
+    phi, g0, g1, c, d, observed, counts, source, channel, partner, along, turn, gain, root, columns, out, inverse
 ):
     """Whiten columns, shape (N_observed, n_c, q), by the filter of `covariance_pass`; written to ``out``.
 
@@ -315,7 +331,7 @@ def filter_columns(  # type: ignore[no-untyped-def]
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     q = columns.shape[2]
-    x, f = np.zeros((n, q)), np.zeros((p, q))
+    x, f, f_next = np.zeros((n, q)), np.zeros((p, q)), np.zeros((p, q))
     x_next, expected, innovation = np.zeros((n, q)), np.zeros((n_c, q)), np.zeros((n_c, q))
     row = 0
     for k in range(count):
@@ -361,13 +377,14 @@ def filter_columns(  # type: ignore[no-untyped-def]
             break
         np.dot(phi[k], x, x_next)
         for j in range(p):
-            rho = decay[k, j]
+            for s in range(q):
+                f_next[j, s] = along[k, j] * f[j, s] + turn[k, j] * f[partner[j], s]
+        for j in range(p):
             if source[j] >= 0:
                 for i in range(n):
-                    b = g0[k, i, source[j]] + rho * g1[k, i, source[j]]
-                    if b != 0.0:
+                    g, h = g0[k, i, source[j]], g1[k, i, source[j]]
+                    if g != 0.0 or h != 0.0:
                         for s in range(q):
-                            x_next[i, s] += b * f[j, s]
-            for s in range(q):
-                f[j, s] *= rho
+                            x_next[i, s] += g * f[j, s] + h * f_next[j, s]
+        f, f_next = f_next, f
         x, x_next = x_next, x

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,14 +27,18 @@ WORTH = 4.0
 #: Nats by which the likelihood may fall without a process, before the others are fitted anew, so that it is tried
 #: without; chosen, several times `WORTH`.
 NEARLY = 40.0
+#: Nats that a process must gain at the memory and frequency that are offered, so that others are tried.
+PROMISES = 1.0
 MOST_PROCESSES = 6
 #: Processes of each kind that are tried again in the next round: those that raised the likelihood most.  The kinds are
-#: forces, forces at a standstill, and errors of outputs: the first to be found must not crowd out the others.
+#: forces, forces at a standstill, and errors of outputs, those that swing apart: the first to be found must not crowd
+#: out the others.
 PROMISING = 4
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
-#: Factors on the memory of a process that was added, of which each is tried: the memories offered are a coarse grid.
-MEMORY_FACTORS = (0.4, 2.5)
+#: Factors on the memory of a process that was added, and on its frequency, of which each is tried: those offered are a
+#: coarse grid.
+MEMORY_FACTORS, FREQUENCY_FACTORS, FINE_FACTORS = (0.4, 2.5), (0.85, 1.18), (0.95, 1.05)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
 ROUNDS, FURTHEST = 30, 6.0
 #: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
@@ -408,8 +413,8 @@ def fit_noise(
         # the best of each kind is fitted: which of them it is, a thinned record may not tell
         best_of = [of_kind[0][1] for of_kind in kinds.values()]
         climbed = [climb(trial, likelihood(trial)) for trial in best_of]
-        fitted, value = max(climbed, key=lambda t: t[1])
-        fitted, value = _with_memory(fitted, value, likelihood, climb)
+        tuned = [_tuned(*t, likelihood, climb) for t in climbed if t[1] > best + PROMISES]
+        fitted, value = max(tuned, key=lambda t: t[1], default=(model, best))
         fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
         if value < best + WORTH:
             break
@@ -442,27 +447,61 @@ def _without_needless(
     return model, value
 
 
-def _kind(process: Process) -> tuple[bool, bool]:
-    return process.channel >= 0, process.at_standstill
+def _kind(process: Process) -> tuple[bool, bool, bool]:
+    return process.channel >= 0, process.at_standstill, process.frequency > 0.0
 
 
 def _same_process(one: Process, other: Process) -> bool:
-    return (one.source, one.channel, one.memory) == (other.source, other.channel, other.memory)
+    def distinction(q: Process) -> tuple[float, ...]:
+        return q.source, q.channel, q.memory, q.frequency
+
+    return distinction(one) == distinction(other)
 
 
-def _with_memory(
+def _remembering(process: Process, factor: float) -> Process:
+    """Return a process with another memory; what drives it keeps its size."""
+    return replace(process, memory=factor * process.memory, std=float(np.sqrt(factor)) * process.std)
+
+
+def _swinging(process: Process, factor: float) -> Process:
+    return replace(process, frequency=factor * process.frequency)
+
+
+#: What is tried with a process that was added.
+_CHANGES: tuple[tuple[Callable[[Process], Process], ...], ...] = (
+    tuple(partial(_swinging, factor=factor) for factor in FREQUENCY_FACTORS),
+    tuple(partial(_remembering, factor=factor) for factor in MEMORY_FACTORS),
+    tuple(partial(_swinging, factor=factor) for factor in FINE_FACTORS),
+)
+
+
+def _tuned(
     model: NoiseModel,
     value: float,
     likelihood: Callable[[NoiseModel], float],
     climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
 ) -> tuple[NoiseModel, float]:
-    """Return the model with the memory of its last process changed, as long as that is likelier."""
-    for factor in MEMORY_FACTORS:
+    """Return the model with frequency and memory of its last process fitted."""
+    for changes in _CHANGES:
+        model, value = _with_last_changed(model, value, changes, likelihood, climb)
+    return model, value
+
+
+def _with_last_changed(
+    model: NoiseModel,
+    value: float,
+    changes: Sequence[Callable[[Process], Process]],
+    likelihood: Callable[[NoiseModel], float],
+    climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
+) -> tuple[NoiseModel, float]:
+    """Return the model with its last process changed in one of some ways, as often as that is likelier."""
+    for change in changes:
         better = False
         while True:
             *others, last = model.processes
-            # what drives the process keeps its size
-            changed = replace(last, memory=factor * last.memory, std=float(np.sqrt(factor)) * last.std)
+            changed = change(last)
+            if changed == last:
+                break
             trial = replace(model, processes=(*others, changed))
             fitted, reached = climb(trial, likelihood(trial))
             if not reached > value + CLOSE:

@@ -13,9 +13,15 @@ from discrepancy.innovations.linear_record import LinearRecord
 __all__ = ["InnovationWeighting", "NoiseModel", "Process", "innovation_weighting"]
 
 
+SWINGS = 0.2  # cycles within the memory of a process, from which it is said to swing
+
+
 @dataclass(frozen=True, kw_only=True)
 class Process:
-    """A random process with an exponential correlation (Ornstein-Uhlenbeck).
+    """A random process with an exponential correlation (Ornstein-Uhlenbeck), or one that swings.
+
+    Its covariance is std² · exp(−|τ| / memory) · cos(2π · frequency · τ): with a frequency, the real part of an
+    Ornstein-Uhlenbeck process that turns in the complex plane.
 
     Parameters
     ----------
@@ -30,6 +36,8 @@ class Process:
     at_standstill : bool
         Whether it acts only while the connection stands still: what dry friction holds it with then is not determined
         by its motion.
+    frequency : float, Hz
+        In the middle of its band; zero: it does not swing.
     """
 
     where: str
@@ -38,6 +46,12 @@ class Process:
     memory: float
     std: float
     at_standstill: bool = False
+    frequency: float = 0.0
+
+    @property
+    def swings(self) -> bool:
+        """Whether it completes a good part of a cycle before it forgets where it was."""
+        return self.frequency * self.memory > SWINGS
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,20 +125,23 @@ class InnovationWeighting:
         processes : ndarray, shape (p,)
         """
         model = self.model
-        driving, noise = np.zeros(len(model.processes)), np.zeros((white.shape[1], white.shape[1]))
+        owner = _owners(model.processes)
+        driving, noise = np.zeros(owner.size), np.zeros((white.shape[1], white.shape[1]))
         score_pass(
             *self._filter(),
             np.ascontiguousarray(white),
             driving,
             noise,
         )
-        return np.sum(noise * model.noise_covariance(), axis=1), driving * np.array([q.std**2 for q in model.processes])
+        of_processes = np.bincount(owner, driving, minlength=len(model.processes))
+        variances = np.array([q.std**2 for q in model.processes])
+        return np.sum(noise * model.noise_covariance(), axis=1), of_processes * variances
 
     def _filter(self) -> tuple[np.ndarray, ...]:
         """Return what the compiled recursions take of the record and of its filter."""
         r, processes = self.record, self.model.processes
         transitions = (r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts)
-        return (*transitions, *_indices(processes), _decay(r, processes), self.gain, self.root)
+        return (*transitions, *_indices(processes), *_transitions(r, processes), self.gain, self.root)
 
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
@@ -141,7 +158,8 @@ class InnovationWeighting:
 def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationWeighting:
     """Return the whitening of a record under a noise model."""
     count, n_c, n = record.c.shape
-    size = n + len(model.processes)
+    owner = _owners(model.processes)
+    size = n + owner.size
     gain, root = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c))
     log_det = covariance_pass(
         record.phi,
@@ -151,8 +169,8 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.d,
         record.counts,
         *_indices(model.processes),
-        _decay(record, model.processes),
-        np.array([q.std**2 for q in model.processes]),
+        *_transitions(record, model.processes),
+        np.array([model.processes[k].std ** 2 for k in owner]),
         model.noise_covariance(),
         gain,
         root,
@@ -160,14 +178,39 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
     return InnovationWeighting(record=record, model=model, gain=gain, root=root, log_det=float(log_det))
 
 
-def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray]:
-    return (
-        np.array([q.source for q in processes], dtype=np.int64),
-        np.array([q.channel for q in processes], dtype=np.int64),
-    )
+def _owners(processes: Sequence[Process]) -> np.ndarray:
+    """Return the process that each component belongs to: one that swings has two, the second of which acts nowhere."""
+    return np.array([k for k, q in enumerate(processes) for _ in range(2 if q.frequency > 0.0 else 1)], dtype=np.int64)
 
 
-def _decay(record: LinearRecord, processes: Sequence[Process]) -> np.ndarray:
+def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return source, channel and partner of every component."""
+    source: list[int] = []
+    channel: list[int] = []
+    partner: list[int] = []
+    for q in processes:
+        here = len(source)
+        source.append(q.source)
+        channel.append(q.channel)
+        partner.append(here)
+        if q.frequency > 0.0:
+            source.append(-1)
+            channel.append(-1)
+            partner[here] = here + 1
+            partner.append(here)
+    as_index = [np.array(x, dtype=np.int64) for x in (source, channel, partner)]
+    return as_index[0], as_index[1], as_index[2]
+
+
+def _transitions(record: LinearRecord, processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray]:
+    """Return what every component keeps of itself from sample to sample, and what it gains of its partner."""
     step = np.diff(record.time)
-    memory = np.array([q.memory for q in processes])
-    return np.exp(-step[:, None] / memory) if memory.size else np.zeros((step.size, 0))
+    owner = _owners(processes)
+    along, turn = np.zeros((step.size, owner.size)), np.zeros((step.size, owner.size))
+    for j, k in enumerate(owner):
+        q = processes[k]
+        decay, angle = np.exp(-step / q.memory), 2.0 * np.pi * q.frequency * step
+        along[:, j] = decay * np.cos(angle)
+        second = j > 0 and owner[j - 1] == k
+        turn[:, j] = decay * np.sin(angle) * (1.0 if second else -1.0)
+    return along, turn

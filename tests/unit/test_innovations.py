@@ -43,11 +43,11 @@ def oscillator(count: int) -> LinearRecord:
     )
 
 
-def noise_model(force: float = 0.8, drift: float = 0.002) -> NoiseModel:
+def noise_model(force: float = 0.8, drift: float = 0.002, frequency: float = 0.0) -> NoiseModel:
     return NoiseModel(
         noise=(0.003, 0.02),
         processes=(
-            Process(where="spring", source=0, channel=-1, memory=0.3, std=force),
+            Process(where="spring", source=0, channel=-1, memory=0.3, std=force, frequency=frequency),
             Process(where="position", source=-1, channel=0, memory=0.1, std=drift),
         ),
         correlation=np.array([[1.0, 0.4], [0.4, 1.0]]),
@@ -67,7 +67,8 @@ def dense_covariance(record: LinearRecord, model: NoiseModel) -> np.ndarray:
                 x = record.phi[t] @ x + record.gamma0[t, :, 0] * (t == k) + record.gamma1[t, :, 0] * (t + 1 == k)
     apart = np.abs(record.time[:, None] - record.time[None])
     flat = response.reshape(count * n_c, count)
-    total = flat @ (force.std**2 * np.exp(-apart / force.memory)) @ flat.T
+    swing = np.cos(2.0 * np.pi * force.frequency * apart)
+    total = flat @ (force.std**2 * np.exp(-apart / force.memory) * swing) @ flat.T
     total += np.kron(drift.std**2 * np.exp(-apart / drift.memory), np.diag([1.0, 0.0]))
     return total + np.kron(np.eye(count), model.noise_covariance())
 
@@ -92,8 +93,9 @@ def without_unknowns(record: LinearRecord, residual: np.ndarray) -> RecordColumn
     return RecordColumns(record=record, residual=residual, shared=none, own=none, spread=SPREAD)
 
 
-def test_the_filter_whitens_as_the_dense_covariance_does() -> None:
-    record, model = oscillator(40), noise_model()
+@pytest.mark.parametrize("frequency", [0.0, 4.0])
+def test_the_filter_whitens_as_the_dense_covariance_does(frequency: float) -> None:
+    record, model = oscillator(40), noise_model(frequency=frequency)
     covariance = dense_covariance(record, model)
     weighting = innovation_weighting(record, model)
     white = weighting(np.eye(80).reshape(40, 2, 80)).reshape(80, 80)
@@ -121,12 +123,13 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
     assert restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("frequency", [0.0, 4.0])
 @pytest.mark.parametrize("left_out", [slice(0, 0), slice(20, 31)])
-def test_the_score_is_the_slope_of_the_likelihood(left_out: slice) -> None:
+def test_the_score_is_the_slope_of_the_likelihood(left_out: slice, frequency: float) -> None:
     """By all deviations, with correlated noise, a force, a drift, a second record, and unknowns of both sorts."""
     mask = np.zeros(60, dtype=bool)
     mask[left_out] = True
-    record, model = oscillator(60).without(mask), noise_model()
+    record, model = oscillator(60).without(mask), noise_model(frequency=frequency)
     records = [replace(columns_of(record, seed, model), record=record) for seed in (1, 2)]
     prior, offset = np.array([0.01, np.inf]), np.array([0.02, 0.0])
     value, slopes = restricted_score(records, model, prior, offset)
