@@ -16,7 +16,20 @@ from typing import Any
 import fmpy
 import numpy as np
 
-__all__ = ["FORMS", "TIGHT", "VERSIONS", "Beside", "Case", "beside", "deviations", "opened", "real", "set_real", "step"]
+__all__ = [
+    "FORMS",
+    "LOOPS",
+    "TIGHT",
+    "VERSIONS",
+    "Beside",
+    "Case",
+    "beside",
+    "deviations",
+    "opened",
+    "real",
+    "set_real",
+    "step",
+]
 
 VERSIONS = ("2.0", "3.0")
 FORMS = ("ModelExchange", "CoSimulation")
@@ -89,9 +102,8 @@ def beside(
     tolerances = of_unit or tolerances
     described, fmu = opened(path, form, tolerances[0])
     of = {v.name: v.valueReference for v in described.modelVariables}
-    loop = _stepped if form == "CoSimulation" else _integrated
     begun = time.process_time()
-    found = loop(
+    found = LOOPS[form](
         fmu,
         described,
         [of[n] for n in names],
@@ -226,3 +238,7 @@ def _integrated(
         x = piece.y[:, -1]
         show(end, x)
     return np.array(rows)
+
+
+#: What simulates an instance, by form.
+LOOPS = {"ModelExchange": _integrated, "CoSimulation": _stepped}
