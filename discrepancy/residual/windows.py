@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation
 from estimation.signals.preparation import Preparation
 from multibody.base.errors import SimulationError
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "DIVERGENCE_FACTOR",
