@@ -18,21 +18,15 @@ from multibody.system.compiled import CompiledSystem
 from multibody.system.simulate import simulate
 from multibody.system.trajectory import Trajectory
 
-__all__ = ["reference_files", "reference_step"]
+__all__ = ["reference_files"]
 
 _NAME, _VERSION = "org.fmi-standard.fmi-ls-ref", "1.0.0-alpha.1"
 _DESCRIPTION = "Layered Standard providing information on related files included in an FMU."
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _FOLDER = f"extra/{_NAME}"
 #: Tolerances with which the results are computed: tighter than those of the unit, so that a deviation is not theirs.
-_TIGHT = {"rtol": 1e-9, "atol": 1e-12}
+_RTOL, _ATOL = 1e-9, 1e-12
 _INPUTS, _RESULTS, _EXPERIMENT = "inputs.csv", "results.csv", "experiment.exp"
-
-
-def reference_step(run: Trajectory) -> float | None:
-    """Return the time between the rows of a run, s; None where it varies."""
-    steps = np.diff(run.times)
-    return float(steps.mean()) if steps.size and np.allclose(steps, steps.mean(), rtol=1e-6) else None
 
 
 def reference_files(
@@ -62,7 +56,10 @@ def reference_files(
     """
     inputs = {name: (run.times, run.inputs[:, k]) for k, name in enumerate(system.input_names)}
     span = float(run.times[0]), float(run.times[-1])
-    true = simulate(system, span, times=run.times, inputs=inputs, parameters=run.p, initial=run.states[0], **_TIGHT)
+    start = run.states[0]
+    true = simulate(
+        system, span, times=run.times, inputs=inputs, parameters=run.p, initial=start, rtol=_RTOL, atol=_ATOL
+    )
     results = np.column_stack([true.states, true.outputs[:, list(shown)]])
     files = {_RESULTS: _csv(run.times, [v.name for v in (*variables.states, *variables.outputs)], results)}
     if variables.inputs:
@@ -82,7 +79,8 @@ def _csv(times: np.ndarray, names: Sequence[str], values: np.ndarray) -> bytes:
 
 def _experiment(run: Trajectory, driven: bool, tolerance: float) -> bytes:
     root = ET.Element("Experiments", name="reference results", description="Computed by the tool that wrote the unit.")
-    step = reference_step(run)
+    steps = np.diff(run.times)
+    step = float(steps.mean()) if steps.size and np.allclose(steps, steps.mean(), rtol=1e-6) else None
     given = {
         "name": "reference",
         "description": "Start values and parameters of the model description; inputs run straight between the rows.",
@@ -104,7 +102,7 @@ def _manifest(files: dict[str, bytes]) -> bytes:
     known = {
         _EXPERIMENT: ("application/x-ma-hs-experiments", "experiment/smoke-test", "experiment to be repeated"),
         _INPUTS: ("text/csv", "other", "inputs of the experiment, SI"),
-        _RESULTS: ("text/csv", "result", f"states and outputs in it, SI, integrated with {_TIGHT['rtol']:g}"),
+        _RESULTS: ("text/csv", "result", f"states and outputs in it, SI, integrated with {_RTOL:g}"),
     }
     for name, (kind, role, description) in known.items():
         if name in files:
