@@ -136,6 +136,6 @@ def _scaled(columns: np.ndarray) -> np.ndarray:
 def _free_of(blocks: Sequence[np.ndarray], bases: Sequence[np.ndarray | None]) -> np.ndarray:
     rows = []
     for block, q in zip(blocks, bases, strict=True):
-        flat = block.reshape(-1, block.shape[2])
+        flat = block.reshape(block.shape[0] * block.shape[1], block.shape[2])  # -1 fails without parameters
         rows.append(flat if q is None else flat - q @ (q.T @ flat))
     return np.concatenate(rows)

@@ -13,6 +13,7 @@ from discrepancy.problem.candidate_patterns import check_patterns
 from discrepancy.problem.held_out import held_out_content
 from discrepancy.problem.start_states import at_rest, starts_of_record
 from discrepancy.problem.study_file import StudyError, StudyFile, read_study
+from discrepancy.problem.tables import MOST_ROWS
 from estimation.files.record import Record
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.experiment import Experiment
@@ -57,6 +58,8 @@ class Problem:
     search : {"auto", "significance", "evidence"}
         How models are compared: by steps (`discrepancy.search`) or by evidence (`discrepancy.evidence`); ``"auto"``: as
         `discrepancy.study.choice` says.
+    most_rows : int
+        Of a record with more rows, sections are used (`discrepancy.residual.sections`).
     """
 
     name: str
@@ -75,6 +78,7 @@ class Problem:
     warnings: tuple[str, ...] = ()
     inputs: str = "auto"
     search: str = "auto"
+    most_rows: int = MOST_ROWS
 
 
 def make_experiments(
@@ -216,6 +220,7 @@ def read_problem(
         warnings=(*study.warnings, *patterns.warnings, *doubts, *of_records),
         inputs=study.study.inputs,
         search=study.study.search,
+        most_rows=study.study.most_rows,
     )
 
 

@@ -13,6 +13,7 @@ from discrepancy.problem.paths import find_files, held_out_faults
 from discrepancy.problem.start_states import expression_fault
 from discrepancy.problem.tables import (
     BY_RECORD,
+    FEWEST_ROWS,
     CandidatesTable,
     ClockTable,
     Column,
@@ -513,6 +514,8 @@ class _Reader:
             self.fault("[study] level", f"{study.level:g} must lie between 0 and 0.5, such as 0.02")
         if study.max_effects < 0:
             self.fault("[study] max_effects", "must not be negative")
+        if study.most_rows < FEWEST_ROWS:
+            self.fault("[study] most_rows", f"{study.most_rows} is too few: at least {FEWEST_ROWS} are needed")
         if study.seed < 0:
             self.fault("[study] seed", "must not be negative")
 

@@ -13,6 +13,8 @@ from multibody.base.spelling import nearest_or_choices
 
 __all__ = [
     "BY_RECORD",
+    "FEWEST_ROWS",
+    "MOST_ROWS",
     "CandidatesTable",
     "ClockTable",
     "Column",
@@ -31,6 +33,11 @@ __all__ = [
 T = TypeVar("T", bound=msgspec.Struct)
 #: Key of an entry of ``[initial]`` that differs from record to record.
 BY_RECORD = "record"
+#: Rows of a record that are used where nothing is said; of a longer one, sections.  Chosen: a machine of two states is
+#: then diagnosed within two minutes on two processors, and each section has more than ten thousand rows.
+MOST_ROWS = 100_000
+#: Fewer would leave sections too short for a machine to show what it does.
+FEWEST_ROWS = 10_000
 
 
 class ModelTable(msgspec.Struct, frozen=True):
@@ -123,7 +130,8 @@ class StudyTable(msgspec.Struct, frozen=True):
 
     ``level`` is the chance, over all candidates of a step together, of naming an effect that is not there.  ``search``
     compares models step by step by the significance of effects, or whole models by their marginal likelihood; "auto"
-    does the latter where whole records of a small machine are simulated.
+    does the latter where whole records of a small machine are simulated.  Of records of more than ``most_rows`` rows,
+    sections are used.
     """
 
     residual: Literal["auto", "simulation", "prediction", "inverse"] = "auto"
@@ -132,6 +140,7 @@ class StudyTable(msgspec.Struct, frozen=True):
     max_effects: int = 6
     level: float = 0.02
     search: Literal["auto", "significance", "evidence"] = "auto"
+    most_rows: int = MOST_ROWS
 
 
 class OffsetsTable(msgspec.Struct, frozen=True):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation
 from estimation.signals.preparation import Preparation
 from multibody.base.errors import SimulationError
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "DIVERGENCE_FACTOR",
@@ -35,6 +32,7 @@ __all__ = [
     "error_growth",
     "keeps_growing",
     "samples_needed",
+    "window",
 ]
 
 DIVERGENCE_FACTOR = 30.0
@@ -253,7 +251,7 @@ def cut_windows(states: StateEstimate, length: float, spread: np.ndarray, scale:
     spread, scale : ndarray
         As in `error_growth`.
     """
-    experiment, system = states.experiment, states.system
+    experiment = states.experiment
     record = experiment.record
     n, rate = len(record.time), record.rate
     least = samples_needed(experiment.preparation, rate)
@@ -267,18 +265,30 @@ def cut_windows(states: StateEstimate, length: float, spread: np.ndarray, scale:
     if len(bounds) > 1 and n - 1 - bounds[-1] < least:
         bounds.pop()  # the remainder is too short for a window
     bounds.append(n - 1)
-    all_states = tuple(s for s in system.state_names if not s.startswith("energy."))
     noise = dict(zip(experiment.inputs, states.input_noise, strict=True))
-    windows = []
-    for k, (a, b) in enumerate(itertools.pairwise(bounds)):
-        name = f"{record.name} [{record.time[a]:.4g}..{record.time[b]:.4g} s]" if len(bounds) > 2 else record.name
-        x = states.at(a)
-        if k == 0:
-            free = experiment.free
-            start = {**experiment.start, **{s: float(x[system.index("state", s)]) for s in free}}
-        else:
-            free = all_states
-            start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
-        part = sub_record(record, slice(a, b + 1), name)
-        windows.append(replace(experiment, record=part, start=start, free=free, input_noise=noise))
-    return windows
+    parts = [slice(a, b + 1) for a, b in itertools.pairwise(bounds)]
+    return [replace(window(states, part, named=len(parts) > 1), input_noise=noise) for part in parts]
+
+
+def window(states: StateEstimate, rows: slice, *, named: bool) -> Experiment:
+    """Return the experiment of some rows of a record, with an initial state of its own unless they are the first.
+
+    Parameters
+    ----------
+    states : StateEstimate
+        Along the record.
+    rows : slice
+    named : bool
+        Whether the name says which part of the record it is.
+    """
+    experiment, system = states.experiment, states.system
+    record, x = experiment.record, states.at(rows.start)
+    name = f"{record.name} [{record.time[rows][0]:.4g}..{record.time[rows][-1]:.4g} s]" if named else record.name
+    start: dict[str, float | Literal["measured"]]
+    if rows.start == 0:
+        free = experiment.free
+        start = {**experiment.start, **{s: float(x[system.index("state", s)]) for s in free}}
+    else:
+        free = tuple(s for s in system.state_names if not s.startswith("energy."))
+        start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
+    return replace(experiment, record=sub_record(record, rows, name), start=start, free=free)

@@ -69,7 +69,8 @@ class SearchState:
     Attributes
     ----------
     given : Problem
-        As handed in; ``problem`` may hold windows, or a copy of the model whose motion is prescribed.
+        As handed in, very long records in sections; ``problem`` may hold windows, or a copy of the model whose motion
+        is prescribed.
     """
 
     problem: Problem
@@ -105,9 +106,11 @@ class SearchState:
     def prepare(self) -> None:
         """Choose how model and records are compared, if that has not been done yet."""
         from discrepancy.residual.residual_mode import prepared_problem
+        from discrepancy.residual.sections import in_sections
 
         if self.prepared is None:
-            self._take(prepared_problem(self.problem, self.progress))
+            self.given = in_sections(self.problem, self.progress)
+            self._take(prepared_problem(self.given, self.progress))
 
     def _take(self, prepared: PreparedProblem) -> None:
         from discrepancy.residual.tolerances import with_tolerances

@@ -17,6 +17,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.study_file import StudyError
+from discrepancy.problem.tables import MOST_ROWS
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.study.left_out import Stretch
 from discrepancy.study.priors import Prior
@@ -39,6 +40,7 @@ def fingerprint(study: Study) -> str:
         *(f"{n} {v!r}" for n, v in sorted(problem.noise.items())),
         repr((problem.include, problem.exclude, problem.level, problem.seed, problem.residual, problem.inputs)),
         *([problem.search] if problem.search != "auto" else []),
+        *([str(problem.most_rows)] if problem.most_rows != MOST_ROWS else []),
     ]
     for text in parts:
         digest.update(text.encode() + b"\0")

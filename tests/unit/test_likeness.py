@@ -28,6 +28,11 @@ def test_a_candidate_of_its_own_belongs_to_no_parameter() -> None:
     assert likeness().owner([np.zeros((N, 1))]) == ""
 
 
+def test_without_parameters_a_candidate_is_its_own() -> None:
+    none = parameter_likeness(Sensitivities([], [np.zeros((N, 1, 0))], prior_std=(), nuisance=[np.ones((N, 1, 1))]))
+    assert none.owner([MASS[:, None]]) == ""
+
+
 def test_a_parameter_that_would_have_to_move_further_than_its_prior_allows_does_not_stand_for_a_candidate() -> None:
     assert likeness(std=(1.0, np.inf)).owner([2.9 * MASS[:, None]]) == "mass"
     assert likeness(std=(1.0, np.inf)).owner([3.1 * MASS[:, None]]) == ""
