@@ -131,6 +131,12 @@ class StageLikelihood:
         return self._kept["left_out"]
 
     @property
+    def count(self) -> int:
+        """Samples of all outputs that are part of the likelihood."""
+        outputs = len(self.linearised.residual().channels)
+        return outputs * sum(int(np.sum(~mask)) for mask in self.left_out)
+
+    @property
     def held(self) -> tuple[str, ...]:
         """Parameters that the likelihood keeps at their values: at a bound, or the shape of a law.
 

@@ -32,6 +32,7 @@ __all__ = [
     "drops",
     "exchanges",
     "key_of",
+    "matters_to_prediction",
     "pairs",
     "simplifications",
     "why_irrelevant",
@@ -251,19 +252,33 @@ def curve(likelihood: StageLikelihood, *, level: float, seed: int) -> list[tuple
     return [(Proposal(move="add a curve", effects=(*effects, e)), float(p)) for e, p in best]
 
 
+def matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
+    """Tell whether predictions from sample to sample are better than a parent's by a relevant share.
+
+    A mean square error that falls by a small share s in all of N samples gains N s / 2 nats.
+    """
+    assert model.likelihood is not None
+    assert parent.likelihood is not None
+    gain = model.likelihood.noise.log_likelihood - parent.likelihood.noise.log_likelihood
+    return gain >= 0.5 * POLICY.relevance * model.likelihood.count
+
+
 def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     """Return why an effect makes no prediction better that one could see; an empty text if it may.
 
-    It must change some output by a share of its error that one could see, of which the records left out do not show
-    that it is no improvement, and make none worse.  How sure it is that there is an improvement at all is for the log
-    predictive score to say, which knows the unrecorded forces: where these make most of the error of a simulation, its
-    square hardly shows an effect of a tenth of that, and be it certain.
+    It must change some output by a share of its error that one could see, or the prediction of all of them from sample
+    to sample by as much; the records left out must not show that it is no improvement, and none may be made worse.  How
+    sure it is that there is an improvement at all is for the log predictive score to say, which knows the unrecorded
+    forces: where these make most of the error of a simulation, its square hardly shows an effect of a tenth of that,
+    and be it certain.
     """
     assert model.likelihood is not None
     assert parent.likelihood is not None
     gain = simulation_gain(model.likelihood, parent.likelihood)
     if gain.harms(POLICY.harm, POLICY.simulation_errors):
         return f"some output of records left out is simulated worse (square error gone: {gain})"
+    if matters_to_prediction(model, parent):
+        return ""
     share = changed_share(model.stage, parent.stage)
     if not np.any(share >= POLICY.relevance):
         return f"it changes no output by {100 * POLICY.relevance:.0f} % of its mean square error"

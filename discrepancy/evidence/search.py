@@ -379,7 +379,8 @@ class EvidenceSearch:
                 )
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
-                if gain.helps(POLICY.relevance, 0.0) and not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
+                if helps and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue
                 most = float(gain.share.max())
                 if weakest is None or most < weakest[0]:

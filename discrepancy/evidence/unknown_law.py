@@ -68,6 +68,8 @@ class UnknownLaw:
         What of that is prior odds.
     share : mapping of str to float
         Of the mean square error of every output, what the function changes.
+    samples : int
+        Of all outputs, in the likelihood.
     predictive : PredictiveGain
         By how much blocks of the records that were left out are predicted better with it.
     """
@@ -78,6 +80,7 @@ class UnknownLaw:
     gain: float
     log_odds: float
     share: dict[str, float]
+    samples: int
     predictive: PredictiveGain
 
     @property
@@ -87,8 +90,9 @@ class UnknownLaw:
 
     @property
     def matters(self) -> bool:
-        """Whether it changes some output by a share of its error that one could see."""
-        return max(self.share.values()) >= POLICY.unnamed_relevance
+        """Whether it changes some output, or the prediction of all, by a share of the error that one could see."""
+        of_prediction = 2.0 * (self.gain - self.log_odds) / max(self.samples, 1)
+        return max(*self.share.values(), of_prediction) >= POLICY.unnamed_relevance
 
     @property
     def announced(self) -> bool:
@@ -174,6 +178,7 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
         gain=best.gain - WORTH + log_odds,
         log_odds=log_odds,
         share=share,
+        samples=likelihood.count,
         predictive=predictive,
     )
 
