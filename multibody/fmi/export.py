@@ -21,6 +21,7 @@ from multibody.fmi.scratch_folder import ScratchFolder
 from multibody.system.compiled import CompiledSystem
 from multibody.system.equilibrium import equilibrium
 from multibody.system.narrow_features import step_limits
+from multibody.system.trajectory import Trajectory
 
 __all__ = ["FMI_VERSIONS", "to_fmu"]
 
@@ -43,6 +44,7 @@ def to_fmu(
     initial: Mapping[str, float] | np.ndarray | None = None,
     at_equilibrium: bool = False,
     binary: bool | None = None,
+    reference: Trajectory | None = None,
 ) -> Path:
     """Write a system as an FMU for Model Exchange and Co-Simulation.
 
@@ -63,6 +65,9 @@ def to_fmu(
         Start at rest, near ``initial``.
     binary : bool, optional
         True needs a C compiler, False writes source alone; by default there is a library where a compiler is found.
+    reference : Trajectory, optional
+        A simulation of the system, which is put beside the unit as reference results (FMI-LS-REF).  The unit starts
+        with its parameters and its first state, where ``parameters`` and ``initial`` are not given.
 
     Returns
     -------
@@ -73,22 +78,27 @@ def to_fmu(
     ------
     FmuError
         If the version is unknown, an input is delayed, a component is itself a foreign unit, something has no form in
-        C, fmpy (its C headers) or a compiler is missing.
+        C, fmpy (its C headers) or a compiler is missing, the reference starts otherwise than the unit.
     ModelError
         With every unknown parameter or state.
     SimulationError
         If there is no equilibrium.
     """
-    from multibody.fmi.c_model import model_header
+    from multibody.fmi.c_model import RELATIVE_TOLERANCE, model_header
     from multibody.fmi.description import Description, build_description, model_description
+    from multibody.fmi.reference_results import reference_files
     from multibody.fmi.variables import variables_of
 
     path = Path(path)
+    if reference is not None and reference.system is system:
+        parameters = reference.p if parameters is None else parameters
+        initial = reference.states[0] if initial is None and not at_equilibrium else initial
     p, x = system.parameter_vector(parameters), system.state_vector(initial)
     compiler = None if binary is False else c_compiler()
     _check(system, path, fmi_version, p, binary, compiler)
     if at_equilibrium:
         x = equilibrium(system, parameters=p, guess=x).state
+    _check_reference(system, path, p, x, reference)
     known = set(system.state_names)
     shown = tuple(
         k for k, q in enumerate(system.outputs) if q.name not in known and system.index("output", q.name) == k
@@ -108,11 +118,15 @@ def to_fmu(
         text=_EVENTS,
         version=_version(),
         source=source,
+        start_time=0.0 if reference is None else float(reference.times[0]),
+        stop_time=None if reference is None else float(reference.times[-1]),
     )
     content = {name: text.encode() for name, text in files.items()}
     content["modelDescription.xml"] = model_description(about, variables, fmi_version)
     if fmi_version == "3.0":
         content["sources/buildDescription.xml"] = build_description(about)
+    if reference is not None:
+        content |= reference_files(system, reference, variables, shown, RELATIVE_TOLERANCE)
     if compiler is not None:
         folder, ending = binary_folder(fmi_version)
         content[f"binaries/{folder}/{about.identifier}{ending}"] = _compiled(compiler, files, source)
@@ -141,6 +155,32 @@ def _check(
         faults.append(f"the folder '{path.parent}' does not exist")
     if faults:
         raise FmuError(f"'{system.name}' cannot be written as '{path.name}':\n" + "\n".join(f"  - {f}" for f in faults))
+
+
+def _check_reference(
+    system: CompiledSystem, path: Path, p: np.ndarray, x: np.ndarray, reference: Trajectory | None
+) -> None:
+    """Refuse a reference that is of another system, or that starts otherwise than the unit."""
+    if reference is None:
+        return
+    if reference.system is not system:
+        raise FmuError(
+            f"'{path.name}': the reference is a run of another build of '{reference.system.name}': simulate the system "
+            "that is exported"
+        )
+    faults = []
+    for names, own, given in (
+        (system.parameter_names, p, reference.p),
+        (system.state_names, x, reference.states[0]),
+    ):
+        faults += [
+            f"'{name}' is {b:g} in the reference and {a:g} in the unit: give both the same"
+            for name, a, b in zip(names, own, given, strict=True)
+            if a != b
+        ]
+    if faults:
+        lines = "\n".join(f"  - {f}" for f in faults)
+        raise FmuError(f"'{path.name}': the reference starts otherwise than the unit:\n{lines}")
 
 
 def _library_sources(fmi_version: str, source: str) -> dict[str, str]:
