@@ -5,6 +5,7 @@ One simulation of each record, as the study gives it; seconds, where a diagnosis
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
 from multibody.base.quantity_text import count_text
 from multibody.fmi.component import sensitivity_sources
+from multibody.system.stepped import LongStepsWarning
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -94,7 +96,14 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
     responses: list[Response] = []
     for e in problem.identify:
         try:
-            responses.append(e.respond_with_own(system, p, {}, parameters=names, derivatives=excitation))
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", LongStepsWarning)
+                responses.append(e.respond_with_own(system, p, {}, parameters=names, derivatives=excitation))
+            for one in caught:
+                if issubclass(one.category, LongStepsWarning):
+                    notes.warnings.append(f"record '{e.name}': {one.message}")
+                else:
+                    warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
             _start(e, system, p, responses[-1], notes)
         except SimulationError as error:
             notes.faults.append(

@@ -11,7 +11,7 @@ from estimation.response.run_differences import derivatives_of_runs
 from multibody.base.errors import SimulationError, Stop, StopMessage
 from multibody.system.along_trajectory import observe_along
 from multibody.system.not_finite import not_finite
-from multibody.system.stepped import run_stepped
+from multibody.system.stepped import SteppedRun, run_stepped
 
 if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
@@ -82,23 +82,27 @@ class RecordSimulation:
 
     def _by_whole_runs(self, directions: Directions | None) -> tuple[np.ndarray, np.ndarray, int]:
         """Run a system with a part that steps itself, and again for differences along each direction."""
-        count = [0]
+        first: SteppedRun | None = None  # finds how long steps may be; the others are compared with it
 
         def outputs(p: np.ndarray, x0: np.ndarray, extra: dict[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+            nonlocal first
+            given = {"rtol": self.rtol, "extra": extra, "divisions": first and first.divisions}
             try:
-                run = run_stepped(self.system, p, x0, self.table, self.time, rtol=self.rtol, extra=extra)
+                run = run_stepped(self.system, p, x0, self.table, self.time, **given)
             except SimulationError as error:
                 raise SimulationError(f"record '{self.record}': {error}", error.stop) from error
-            count[0] += run.evaluations
+            first = first or run
             return self.system.outputs_along(self.time, run.states, run.inputs, p)[:, self.outputs]
 
         y = outputs(self.p, self.x0, {})
-        evaluations = count[0]
+        assert first is not None
+        evaluations = first.evaluations
         if directions is None:
             return y, np.empty((*y.shape, 0)), evaluations
         parameters = self.system.parameters
         bounds = np.array([[q.min, q.max] for q in parameters], dtype=float).reshape(-1, 2)
-        return y, derivatives_of_runs(outputs, y, self.p, self.x0, self.time, bounds, directions), evaluations
+        dy = derivatives_of_runs(outputs, y, self.p, self.x0, self.time, bounds, directions)
+        return y, dy, evaluations
 
     def integrate(self, directions: Directions | None) -> tuple[np.ndarray, np.ndarray, int]:
         """Integrate the system, and its derivatives along directions.

@@ -8,6 +8,7 @@ outputs extrapolated, at its end.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multibody.base.errors import SimulationError, Stop
-from multibody.fmi.foreign import cosimulation
+from multibody.fmi.foreign import Refusal, cosimulation
 from multibody.fmi.foreign_description import ForeignUnit
 from multibody.fmi.structure import dependencies
 from multibody.solvers import Samples, integrate
 from multibody.system.simulate import native_problem
-from multibody.system.stepped import SteppedRun
+from multibody.system.stepped import LongStepsWarning, SteppedRun
 
 if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
@@ -41,7 +42,6 @@ MOST_DIVISIONS = 64
 LARGEST = 1e150
 
 _Way = Callable[["_Around", np.ndarray, np.ndarray, int], SteppedRun]
-_divisions: dict[tuple[object, ...], int] = {}
 
 
 def heard_name(owner: str, own: str) -> str:
@@ -113,8 +113,12 @@ def stepped_run(
     *,
     rtol: float = 1e-6,
     extra: dict[int, tuple[np.ndarray, np.ndarray]] | None = None,
+    divisions: int | None = None,
 ) -> SteppedRun:
     """Simulate a model with a unit that is stepped.
+
+    The steps are so short that half of them change little.  Runs that are compared with another, as differences do,
+    take as many as that one did.
 
     Parameters
     ----------
@@ -132,6 +136,8 @@ def stepped_run(
         Of the integration of those states.
     extra : dict of int to (ndarray, ndarray)
         What is added to inputs, by index: times and values.
+    divisions : int, optional
+        Steps between two samples; by default as many as are needed.
 
     Raises
     ------
@@ -142,24 +148,50 @@ def stepped_run(
     around = _Around(system, unit, owner, p, table, extra or {}, rtol)
     least = _least_divisions(unit, times)
     run_in = _step_by_step if any(around.acts_back()) else _in_one_piece
+    if unit.communication.fixed or divisions is not None:
+        return _sound(around, run_in(around, x0, times, divisions or least))
     return _sound(around, _settled(around, x0, times, least, run_in))
 
 
 def _settled(around: _Around, x0: np.ndarray, times: np.ndarray, least: int, run_in: _Way) -> SteppedRun:
-    """Return a run with steps so short that half of them change little; how many those are is found out once."""
-    unit = around.unit
-    key = (unit.digest, around.system.texts["outputs"], float(times[0]), float(times[-1]), times.size)
-    if key in _divisions or unit.communication.fixed:
-        return run_in(around, x0, times, _divisions.get(key, least))
-    count, run = least, run_in(around, x0, times, least)
+    """Return a run with steps so short that half of them change little; where none are, with the shortest, and warn."""
+    refusals: list[Refusal] = []
+
+    def attempt(divisions: int) -> SteppedRun | None:
+        try:
+            return run_in(around, x0, times, divisions)
+        except Refusal as error:  # a step that is too long, perhaps
+            refusals.append(error)
+            return None
+
+    count, run = least, attempt(least)
+    change, worst = (np.inf if 2 * least <= MOST_DIVISIONS else 0.0), 0  # shorter ones than it asks for are not tried
     while 2 * count <= MOST_DIVISIONS:
-        finer = run_in(around, x0, times, 2 * count)
-        if _same(around, run, finer):
-            break
+        finer = attempt(2 * count)
+        if run is not None and finer is not None:
+            change, worst = _largest_change(around, run, finer)
+            if change <= SETTLED:
+                return run
         count, run = 2 * count, finer
-    if np.all(np.isfinite(run.inputs)):
-        _divisions[key] = count
+    if run is None:
+        raise refusals[0]
+    if change > SETTLED and np.all(np.abs(run.inputs[:, around.heard]) < LARGEST):
+        _warn(around, count, change, around.unit.outputs[worst].name)
     return run
+
+
+def _warn(around: _Around, count: int, change: float, output: str) -> None:
+    half = f"from half as many on, '{output}' changed by {100.0 * change:.2g} % of its range"
+    cause = "the unit integrates with steps that follow these (forward Euler, for example), which are too long for it"
+    if around.acts_back()[0]:
+        cause = f"an effect at a connection is stiff, or {cause}"
+    warnings.warn(
+        f"the FMU '{around.unit.path.name}' is stepped {count} times between samples, and that is not enough: "
+        f"{half if np.isfinite(change) else 'with half as many it runs away'}; {cause}; export it for Model "
+        "Exchange, or with an integrator that controls its own steps",
+        LongStepsWarning,
+        stacklevel=4,
+    )
 
 
 def _least_divisions(unit: ForeignUnit, times: np.ndarray) -> int:
@@ -223,7 +255,7 @@ def _in_one_piece(around: _Around, x0: np.ndarray, times: np.ndarray, count: int
         if solution.status < 0 or samples.count < times.size:
             raise SimulationError(f"'{system.name}': {solution.message}", getattr(solution.message, "stop", Stop.OTHER))
         x, evaluations = np.ascontiguousarray(samples.states), evaluations + int(solution.nfev)
-    return SteppedRun(x, np.ascontiguousarray(u[::count]), evaluations)
+    return SteppedRun(x, np.ascontiguousarray(u[::count]), evaluations, count)
 
 
 def _step_by_step(around: _Around, x0: np.ndarray, times: np.ndarray, count: int) -> SteppedRun:
@@ -249,7 +281,7 @@ def _step_by_step(around: _Around, x0: np.ndarray, times: np.ndarray, count: int
             u[k + 1, heard] = late[k, heard] = y
             if x0.size:
                 x[k + 1] = _moved(around, x[k], t, u[k], late[k])
-    return SteppedRun(np.ascontiguousarray(x[::count]), np.ascontiguousarray(u[::count]), points.size)
+    return SteppedRun(np.ascontiguousarray(x[::count]), np.ascontiguousarray(u[::count]), points.size, count)
 
 
 def _moved(around: _Around, x: np.ndarray, t: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -264,13 +296,18 @@ def _moved(around: _Around, x: np.ndarray, t: np.ndarray, first: np.ndarray, las
     return solution.y[:, -1] if solution.success else np.full_like(x, np.nan)
 
 
-def _same(around: _Around, run: SteppedRun, finer: SteppedRun) -> bool:
+def _largest_change(around: _Around, run: SteppedRun, finer: SteppedRun) -> tuple[float, int]:
+    """Return the largest change of an output, as a share of its range (infinity where one runs away), and which."""
     heard = around.heard
     a, b = run.inputs[:, heard], finer.inputs[:, heard]
-    if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
-        return False
+    if not a.shape[1]:
+        return 0.0, 0
+    good = np.all((np.abs(a) < LARGEST) & (np.abs(b) < LARGEST), axis=0)
+    if not good.all():
+        return np.inf, int(np.argmin(good))
     range_of = np.maximum(np.ptp(b, axis=0), LEAST_RANGE * np.maximum(1.0, np.max(np.abs(b), axis=0)))
-    return bool(np.all(np.max(np.abs(a - b), axis=0) <= SETTLED * range_of))
+    changes = np.max(np.abs(a - b), axis=0) / range_of
+    return float(changes.max()), int(changes.argmax())
 
 
 def _sound(around: _Around, run: SteppedRun) -> SteppedRun:

@@ -21,7 +21,7 @@ from multibody.fmi.scratch_folder import ScratchFolder
 from multibody.fmi.server import COLUMNS, EVALUATE, START
 from multibody.fmi.stepping import BEGIN, STEPS
 
-__all__ = ["TIMEOUT", "CoSimulation", "cosimulation", "evaluate", "start_states", "tangent"]
+__all__ = ["TIMEOUT", "CoSimulation", "Refusal", "cosimulation", "evaluate", "start_states", "tangent"]
 
 #: Seconds after which a unit that does not answer counts as hung; an evaluation takes microseconds.
 TIMEOUT = 60.0
@@ -32,6 +32,10 @@ _STEPS_AT_ONCE = 500
 
 _running: dict[tuple[str, str, int], _Process] = {}
 _lock = threading.RLock()
+
+
+class Refusal(SimulationError):
+    """A unit answers, with an error: its process goes on."""
 
 
 class _Process:
@@ -140,7 +144,7 @@ class _Process:
         except (EOFError, ConnectionError) as error:
             raise self._died() from error
         if answer[:1] == b"-":
-            raise SimulationError(f"the FMU '{self.path.name}' refuses: {answer[1:].decode(errors='replace')}")
+            raise Refusal(f"the FMU '{self.path.name}' refuses: {answer[1:].decode(errors='replace')}")
         return np.frombuffer(answer, offset=1) if len(answer) > 1 else np.empty(0)
 
     def _died(self) -> SimulationError:

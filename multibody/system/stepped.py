@@ -11,7 +11,11 @@ if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
     from multibody.system.compiled import CompiledSystem
 
-__all__ = ["SteppedRun", "run_stepped"]
+__all__ = ["LongStepsWarning", "SteppedRun", "run_stepped"]
+
+
+class LongStepsWarning(RuntimeWarning):
+    """The shortest steps that are tried still change what a part shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +29,14 @@ class SteppedRun:
         Those of the system, with what the part shows among them.
     evaluations : int
         Steps of the part, and evaluations of the equations around it.
+    divisions : int
+        Steps of the part between two times.
     """
 
     states: np.ndarray
     inputs: np.ndarray
     evaluations: int
+    divisions: int
 
 
 def run_stepped(

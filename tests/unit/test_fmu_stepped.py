@@ -227,21 +227,91 @@ def test_functions_of_time_are_refused(second: Path) -> None:
     ],
 )
 def test_a_step_that_goes_wrong_is_told(body: str, said: str, second: Path) -> None:
-    folder, call = second.parent / "spoilt", "STATUS[communication_step(m, begin, size)];"
-    with zipfile.ZipFile(second) as file:
+    rebuilt(second, f"return {body} {STEP_CALL}")
+    with pytest.raises(SimulationError, match=said):
+        plant_of(second).build().simulate(T_END, step=STEP, inputs=inputs())
+
+
+STEP_CALL = "STATUS[communication_step(m, begin, size)];"
+#: A communication step by forward Euler, as tools take it that do not control their steps.
+EULER = """
+    need_rates(m);
+    for (int i = 0; i < NX; i++) m->now.value[X + i] += size * m->now.value[DX + i];
+    set_time(m, begin + size);
+    return fmi2OK;"""
+
+
+def rebuilt(path: Path, body: str) -> None:
+    """Compile a unit anew whose communication step is other code."""
+    folder = path.parent / "spoilt"
+    with zipfile.ZipFile(path) as file:
         file.extractall(folder)
     source = folder / "sources/fmi2.c"
     text = source.read_text()
-    assert f"return {call}" in text
-    source.write_text(text.replace(f"return {call}", f"return {body} {call}"))
-    library = next((folder / "binaries").rglob("axis.*"))
+    assert f"return {STEP_CALL}" in text
+    source.write_text(text.replace(f"return {STEP_CALL}", body))
+    library = next(p for p in (folder / "binaries").rglob("*.*") if p.is_file())
     command = [*c_compiler(), "-std=c99", "-fPIC", "-shared", "-o", str(library), str(source), "-lm"]  # type: ignore[misc]
     subprocess.run(command, check=True, capture_output=True)
-    with zipfile.ZipFile(second, "w") as file:
-        for path in folder.rglob("*"):
-            file.write(path, path.relative_to(folder))
-    with pytest.raises(SimulationError, match=said):
-        plant_of(second).build().simulate(T_END, step=STEP, inputs=inputs())
+    with zipfile.ZipFile(path, "w") as file:
+        for member in folder.rglob("*"):
+            file.write(member, member.relative_to(folder))
+
+
+def damped(path: Path, viscous: float) -> Path:
+    """Write a unit of a damped mass, 1 kg, that is pulled; it integrates by forward Euler."""
+    model = Model("damped")
+    body = model.add("body", lib.Mass(m=1.0))
+    friction = model.add("friction", lib.ViscousFriction(viscous=viscous))
+    pull = model.add("pull", lib.ForceSource())
+    model.connect(body.flange, friction.b, pull.flange)
+    model.connect(friction.a, model.ground)
+    model.input("force", pull.force, default=0.0)
+    without_model_exchange(model.build().to_fmu(path, fmi_version="2.0"))
+    rebuilt(path, EULER)
+    return path
+
+
+DAMPED_STUDY = """
+[model]
+fmu = "damped.fmu"
+[inputs]
+"force" = "f"
+[outputs]
+"body.velocity" = { column = "v", noise = 1e-4 }
+[records]
+time = "t"
+identify = ["run.csv"]
+"""
+
+
+@pytest.mark.parametrize(("viscous", "warned"), [(0.1, False), (8e4, True)])
+def test_a_stiff_unit_that_integrates_by_forward_euler_is_warned_about(
+    viscous: float, warned: bool, tmp_path: Path
+) -> None:
+    damped(tmp_path / "damped.fmu", viscous)
+    rows = [f"{0.001 * k:.3f},{np.sin(0.02 * k):.6f},{np.sin(0.02 * k) / viscous:.9f}" for k in range(200)]
+    (tmp_path / "run.csv").write_text("t,f,v\n" + "\n".join(rows) + "\n")
+    (tmp_path / "study.toml").write_text(DAMPED_STUDY)
+    check = check_problem(read_problem(tmp_path / "study.toml"), excitation=False)
+    said = [w for w in check.warnings if "stepped 64 times between samples" in w and "forward Euler" in w]
+    assert len(said) == warned, check.warnings
+
+
+def test_a_run_does_not_depend_on_the_runs_before_it(second: Path) -> None:
+    model = plant_of(second, connections=CONNECTION)
+    gap = model.add("guide", Gap())
+    model.connect("plant.guide", gap.b)
+    model.connect(gap.a, model.ground)
+    system = with_friction(model, "guide.b")
+    at = "plant.carriage_velocity"
+
+    def run(coulomb: float) -> np.ndarray:
+        return system.simulate(T_END, step=STEP, inputs=inputs(), parameters={"extra.coulomb": coulomb})[at]
+
+    strong = run(30.0)
+    run(0.0)  # which needs no short steps
+    assert np.array_equal(run(30.0), strong)
 
 
 def test_it_cannot_be_exported_again(second: Path, tmp_path: Path) -> None:
