@@ -46,6 +46,9 @@ Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 #: Share of the widest motion of its kind below which a place counts as standing still.
 _STILL = 1e-3
 
+#: Factor on the usual size of what is hidden, above which no machine would still move as it should.
+MOST_STRENGTH = 1000.0
+
 #: Share of the span of what a controller gives, as which an error of it shows and the loop stays stable.
 _CONTROLLED = 0.01
 
@@ -113,8 +116,8 @@ class Rig:
             faults.append(f"seed is {self.seed!r}: give a whole number, zero or more")
         if not 2 <= self.trips <= 99:
             faults.append(f"trips is {self.trips}: give 2 to 99, because one at least is for validation")
-        if not (np.isfinite(self.strength) and self.strength > 0.0):
-            faults.append(f"strength is {self.strength}: give a factor above zero")
+        if not 0.0 < self.strength <= MOST_STRENGTH:
+            faults.append(f"strength is {self.strength:g}: give a factor above zero and up to {MOST_STRENGTH:g}")
         if not (np.isfinite(self.duration) and self.duration >= 3.0):
             faults.append(f"duration is {self.duration} s: give 3 s or more, so that moves fit in")
         if not self.regularisation > 0.0:

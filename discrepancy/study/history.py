@@ -120,8 +120,8 @@ def read_history(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except ValueError as error:
         raise StudyError([f"{path}: this is not the history of a study: {error}"]) from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         schema = content.get("schema") if isinstance(content, dict) else None
@@ -130,6 +130,11 @@ def read_history(path: str | Path) -> dict[str, Any]:
     if missing:
         raise StudyError([f"{path}: the entry '{k}' is missing" for k in missing])
     return content
+
+
+def _refuse(constant: str) -> float:
+    """Raise for a number that no history is written with."""
+    raise ValueError(f"{constant} is no finite number")
 
 
 def restore(state: Study, path: str | Path) -> None:

@@ -127,7 +127,7 @@ class BearingParameters:
     damping_radial: float = number("N*s/m", "radial damping", least=0.0)
     damping_axial: float = number("N*s/m", "axial damping", least=0.0)
     clearance: float = number("m", "radial clearance from the middle to one side", least=0.0, default=0.0)
-    elements: float = number("", "rolling elements", least=3.0, default=9.0)
+    elements: float = number("", "rolling elements", least=3.0, whole=True, default=9.0)
     ratio: float = number("", "element diameter over pitch diameter, times cos(contact angle)", above=0.0, default=0.2)
 
 

@@ -51,6 +51,8 @@ def number(
     *,
     above: float | None = None,
     least: float | None = None,
+    most: float | None = None,
+    whole: bool = False,
     size: int | None = None,
     infinite: bool = False,
     default: float | None = None,
@@ -63,8 +65,10 @@ def number(
         SI unit; "" is dimensionless.
     meaning : str
         What the number is, as error messages print it.
-    above, least : float, optional
-        Bounds: the number is larger than ``above``, and at least ``least``.
+    above, least, most : float, optional
+        Bounds: the number is larger than ``above``, at least ``least`` and at most ``most``.
+    whole : bool
+        Whether it counts something.
     size : int, optional
         Length of the list; default: one number.
     infinite : bool
@@ -72,7 +76,8 @@ def number(
     default : float, optional
         Value where the file gives none; default: the file must give one.
     """
-    data = {"unit": unit, "meaning": meaning, "above": above, "least": least, "size": size, "infinite": infinite}
+    data = {"unit": unit, "meaning": meaning, "above": above, "least": least, "most": most, "whole": whole}
+    data |= {"size": size, "infinite": infinite}
     return dataclasses.field(metadata=data) if default is None else dataclasses.field(default=default, metadata=data)
 
 
@@ -179,4 +184,8 @@ def _number(given: Any, about: Mapping[str, Any], where: str, faults: list[str])
         faults.append(f"{where} is {value:g}{unit}, it must be above {above:g}: {about['meaning']}")
     elif least is not None and value < least:
         faults.append(f"{where} is {value:g}{unit}, it must be at least {least:g}: {about['meaning']}")
+    elif about["most"] is not None and value > about["most"]:
+        faults.append(f"{where} is {value:g}{unit}, it must be at most {about['most']:g}: {about['meaning']}")
+    elif about["whole"] and not value.is_integer():
+        faults.append(f"{where} is {value:g}{unit}, it must be a whole number: {about['meaning']}")
     return value

@@ -91,16 +91,37 @@ def _statements_of(scope: Scope, method: str, owners: list[type], faults: list[s
         scope, function, names_written(node), file, first, f"{kind}{len(owners)}", method != "equations"
     )
     statements: list[Statement] = []
+    given: dict[str, str] = {}  # names whose value nothing has read yet, and where they got it
     for item in node.body:
         if _is_super_call(item, method):
             statements += _statements_of(scope, method, owners[1:], faults) if len(owners) > 1 else []
             continue
         origin = rewriter.where(item)
         try:
-            statements += [Statement.of([out], origin) for out in rewriter.statement(item)]
+            read = [Statement.of([out], origin) for out in rewriter.statement(item)]
         except EquationError as error:
             faults.append(str(error))
+            continue
+        faults += _given_twice(scope, read, given)
+        statements += read
     return statements
+
+
+def _given_twice(scope: Scope, statements: list[Statement], given: dict[str, str]) -> list[str]:
+    """Return the faults of names that get another value before anything has read the first, which then had no use."""
+    faults = []
+    for statement in statements:
+        for name in statement.reads:
+            given.pop(name, None)
+        for name in sorted(n for n in statement.writes - statement.unsure if "___local" not in n):
+            if name in given:
+                shown = "self" + readable(name).removeprefix(scope.name)
+                faults.append(
+                    f"{statement.origin}: '{shown}' gets a second value, and nothing uses the first "
+                    f"({given[name]}): remove one of the two, or add to the first with +="
+                )
+            given[name] = statement.origin.rpartition(", ")[2].rstrip(")")
+    return faults
 
 
 def _unassigned(scope: Scope, statements: list[Statement]) -> list[str]:

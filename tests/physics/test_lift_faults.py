@@ -135,6 +135,11 @@ def test_missing_entries_say_what_they_are(tmp_path):
         LiftParameters.load(written(tmp_path, 'name = "empty"\n'))
 
 
+def test_a_friction_coefficient_that_no_shoe_has(tmp_path):
+    with pytest.raises(ParameterError, match=r"\[cabin_guide\] mu is 10, it must be at most 2: friction coefficient"):
+        LiftParameters.load(written(tmp_path, 'extends = "bench"\n[cabin_guide]\nmu = 10.0\n'))
+
+
 def test_text_that_is_not_toml(tmp_path):
     with pytest.raises(ParameterError, match="not valid TOML"):
         LiftParameters.load(written(tmp_path, "mass 3"))

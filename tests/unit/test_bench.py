@@ -311,6 +311,12 @@ def test_one_error_lists_all_faults_of_a_rig() -> None:
     assert len(caught.value.faults) == 5
 
 
+@pytest.mark.parametrize("strength", [1e300, 1e5, float("inf"), float("nan"), -1.0])
+def test_a_strength_that_no_machine_bears_is_refused(strength: float) -> None:
+    with pytest.raises(BenchError, match="give a factor above zero and up to 1000"):
+        AxisRig(strength=strength)
+
+
 def test_a_file_is_not_a_folder(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("x")
     with pytest.raises(BenchError, match="is a file: name a folder"):

@@ -172,6 +172,28 @@ def test_every_line_at_fault_is_reported(tmp_path):
     assert len(caught.value.faults) == 3
 
 
+@pytest.mark.parametrize(
+    "last", ["self.y = 2.0 * self.s", "if self.s > 0.0:\n    self.y = 1.0\nelse:\n    self.y = 2.0"]
+)
+def test_a_value_that_is_replaced_before_anything_uses_it(last, tmp_path):
+    message = refused(made(f"self.y = self.s\nself.der.s = 0.0\n{last}", tmp_path))
+    assert "part (Made, machine.py:" in message
+    assert "'self.y' gets a second value, and nothing uses the first (machine.py:8)" in message
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ("self.y += 1.0", 4.0),
+        ("self.y = 2.0 * self.y", 6.0),
+        ("if self.s < 1.0:\n    self.y = 1.0", 1.0),
+        ("for k in range(3):\n    self.y = self.y + 1.0", 6.0),
+    ],
+)
+def test_a_value_that_is_continued(more, expected, tmp_path):
+    assert value_of(made(f"self.y = 3.0\n{more}\nself.der.s = 0.0", tmp_path)) == pytest.approx(expected)
+
+
 KERNELS = {
     "no return": ("def law(x):\n    y = x\n", "must return on every path"),
     "return in one branch": ("def law(x):\n    if x > 0.0:\n        return x\n", "must return on every path"),

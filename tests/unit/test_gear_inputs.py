@@ -124,6 +124,13 @@ def test_a_parameter_file_names_every_fault(tmp_path: Path) -> None:
         assert part in told
 
 
+def test_half_a_rolling_element_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "stage.toml"
+    path.write_text('extends = "paper"\n[bearings]\nelements = 8.5\n', encoding="utf-8")
+    with pytest.raises(GearError, match=r"\[bearings\] elements is 8.5, it must be a whole number: rolling elements"):
+        StageParameters.load(path)
+
+
 def test_a_parameter_file_changes_what_it_names(tmp_path: Path) -> None:
     path = tmp_path / "stage.toml"
     path.write_text('extends = "paper"\nname = "mine"\n[contact]\nC_D = "303 N*s/mm"\n', encoding="utf-8")

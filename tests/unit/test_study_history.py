@@ -135,7 +135,13 @@ def test_a_history_of_another_study_is_refused(whole):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("{", "not the history"), ('{"schema": 7}', "schema 1"), ('{"schema": 1}', "'fingerprint' is missing")],
+    [
+        ("{", "not the history"),
+        ('{"schema": 1, "stages": [NaN]}', "not the history of a study: NaN is no finite number"),
+        ('{"schema": 1, "stages": [-Infinity]}', "-Infinity is no finite number"),
+        ('{"schema": 7}', "schema 1"),
+        ('{"schema": 1}', "'fingerprint' is missing"),
+    ],
 )
 def test_a_damaged_history_says_what_is_wrong(tmp_path, text, message):
     path = tmp_path / "history.json"

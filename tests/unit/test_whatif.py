@@ -281,6 +281,24 @@ def test_all_faults_of_settings_are_reported(tmp_path: Path) -> None:
         assert part in text, part
 
 
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        ('"*.mu" = -0.1', "'*.mu' = -0.1: give a share from 0 to 1"),
+        ('"*.mu" = 100.0', "'*.mu' = 100: give a share from 0 to 1"),
+        ('"*.mu" = nan', "'*.mu' = nan: give a share from 0 to 1"),
+        ('"cabin.mass" = { std = -1.0, relative = false }', "'cabin.mass' = -1: give a standard deviation of zero"),
+        ('"cabin.mass" = { std = inf, relative = false }', "'cabin.mass' = inf: give a standard deviation of zero"),
+    ],
+)
+def test_an_uncertainty_that_cannot_be_is_refused(entry: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(f"[uncertain]\n{entry}\n")
+    with pytest.raises(ParameterError) as message:
+        read_settings(path)
+    assert f"[uncertain]: {says}" in str(message.value)
+
+
 def test_masses_from_tensions_at_rest() -> None:
     from estimation.files.record import Record, RecordedSignal
 

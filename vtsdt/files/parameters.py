@@ -59,7 +59,7 @@ class GuideParameters:
     stiffness: float = number("N/m", "contact stiffness of a flange", above=0.0)
     damping: float = number("N*s/m", "contact damping", least=0.0)
     clearance: float = number("m", "clearance of a flange", least=0.0)
-    mu: float = number("", "friction coefficient", least=0.0)
+    mu: float = number("", "friction coefficient", least=0.0, most=2.0)
     v_s: float = number("m/s", "speed below which friction fades", above=0.0, default=0.01)
     ramp: float = number("m", "depth over which damping sets in", above=0.0, default=5e-5)
     gap: float = number("m", "depth of the shoe's slot", above=0.0, default=8e-3)

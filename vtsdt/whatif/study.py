@@ -49,6 +49,11 @@ class Uncertainty:
     std: float
     relative: bool = True
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.std <= (1.0 if self.relative else math.inf) or math.isinf(self.std):
+            allowed = "a share from 0 to 1" if self.relative else "a standard deviation of zero or more"
+            raise ValueError(f"'{self.name}' = {self.std:g}: give {allowed}")
+
     def names(self) -> tuple[str, ...]:
         """Return the model parameters that vary together."""
         if self.name.startswith("*."):
