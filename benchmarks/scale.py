@@ -14,9 +14,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from run import machine
 from scale_case import Case, write
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,7 +29,10 @@ SWEEPS: dict[str, dict[int, Case]] = {
     "records": {n: Case(records=n) for n in (1, 3, 10, 30, 100, 300, 1000)},
     "states": {2 * n: Case(masses=n) for n in (1, 2, 5, 10, 20, 50, 250)},
     "outputs": {n: Case(masses=20, outputs=n) for n in (1, 5, 20, 40)},
+    "outputs with --memory 3": {40: Case(masses=20, outputs=40)},
 }
+#: What is asked for in sweeps beside the study.
+OPTIONS = {"outputs with --memory 3": ("--memory", "3")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +54,12 @@ class Cost:
     code: int
 
 
-def measured(case: Case) -> Cost:
+def measured(case: Case, options: Sequence[str] = ()) -> Cost:
     """Diagnose a case in a process of its own that adds one effect at most, with compiled code from earlier runs."""
     with tempfile.TemporaryDirectory() as temporary:
         study = write(case, Path(temporary))
         words = ["diagnose", str(study), "--out", str(Path(temporary) / "out"), "--quiet", "--max-effects", "1"]
+        words += options
         path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         begun = time.monotonic()
         run = subprocess.Popen([sys.executable, "-m", "vtsdt", *words], env={**os.environ, "PYTHONPATH": path})
@@ -84,7 +90,7 @@ def main() -> int:
         for size, case in SWEEPS[sweep].items():
             if (sweep, size) in kept or (given.most is not None and size > given.most):
                 continue
-            cost = kept[sweep, size] = measured(case)
+            cost = kept[sweep, size] = measured(case, OPTIONS.get(sweep, ()))
             if given.keep:
                 with given.keep.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps([sweep, size, cost.__dict__]) + "\n")
@@ -93,7 +99,10 @@ def main() -> int:
     if given.page:
         commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
         text = PAGE.format(
-            date=datetime.date.today().isoformat(), commit=commit.stdout.strip() or "unknown", tables=tables
+            date=datetime.date.today().isoformat(),
+            commit=commit.stdout.strip() or "unknown",
+            machine=machine(),
+            tables=tables,
         )
         given.page.write_text(text, encoding="utf-8")
     return 1 if any(cost.code for cost in kept.values()) else 0
@@ -111,7 +120,7 @@ def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
         if before is not None:
             slope = f"{math.log(cost.processor / before[1].processor) / math.log(size / before[0]):.2f}"
         lines.append(
-            f"| {size} | {cost.processor:.3g} | {cost.wall:.3g} | {cost.peak / 1e9:.2f} | {slope} | {cost.code} |"
+            f"| {size} | {cost.processor:.3g} | {cost.wall:.4g} | {cost.peak / 1e9:.2f} | {slope} | {cost.code} |"
         )
         before = size, cost
     return "\n".join(lines)
@@ -122,14 +131,16 @@ PAGE = """# Growth with the size of a study
 Measured on {date} at {commit} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes
 this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
 own: processor time (all threads), time on the clock, the largest resident memory, the exit code, and the slope of the
-processor time on logarithmic scales from the row above (1: proportional). Time on the clock depends on what else the
-machine does.
+processor time on logarithmic scales from the row above (1: proportional). The machine was
+shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
 
 {tables}
 
 The machine is a chain of masses on springs, dampers and guides with dry friction hidden in the first guide
 (`benchmarks/scale_case.py`). Where nothing else is said it has one mass, one output, and one record of 2000 rows beside
-one that is held out.
+one that is held out. Of records of more than 100 000 rows, [sections](../method/residuals.md#sections-of-long-records)
+are used. `--memory` bounds what is held of sensitivities and scores; where nothing is said it is half of the machine's
+memory, and what fits is kept.
 """
 
 if __name__ == "__main__":
