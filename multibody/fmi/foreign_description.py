@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import xml.etree.ElementTree as ET
 import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,18 +20,18 @@ from multibody.fmi.errors import FmuError
 
 __all__ = ["ForeignUnit", "ForeignVariable", "read_unit"]
 
-_REALS = ("Real", "Float64", "Float32")
+_REALS = ("Real", "Float64")
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignVariable:
-    """A real variable of a foreign unit.
+    """A real variable of a foreign unit, or an element of one that is an array.
 
     Parameters
     ----------
     name, unit, meaning : str
-        Its own name, and the SI unit in which it is used here.
+        Its own name, and the SI unit in which it is used here.  An element has its indices in it: ``A[2,1]``.
     own : str
         The name in the model here: letters, digits and single underscores.
     reference : int
@@ -44,6 +47,8 @@ class ForeignVariable:
         Whether a parameter may be set while the unit runs.
     depends_on : tuple of int or None
         References of inputs that an output depends on; None where the unit does not say.
+    element, size : int
+        Place in the array, row by row, and number of its elements.  All elements have one reference and stand together.
     """
 
     name: str
@@ -59,6 +64,8 @@ class ForeignVariable:
     max: float | None = None
     tunable: bool = False
     depends_on: tuple[int, ...] | None = None
+    element: int = 0
+    size: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +106,7 @@ class ForeignUnit:
     exact_parameters : bool
         Whether they hold along parameters, too: the standard does not ask for that, units written here have it.
     ignored : tuple of str
-        Variables that cannot be used here (whole numbers, texts, arrays), by name.
+        Variables that cannot be used here (whole numbers, texts, numbers of 32 bits), by name.
     stepped : bool
         Whether it is used in Co-Simulation: it has no Model Exchange, or one with events.
     communication : CommunicationSteps
@@ -218,6 +225,11 @@ def _faults(described: Any, names: list[str]) -> list[str]:
             "Co-Simulation, where the unit follows them itself"
         )
     seen: set[str] = set()
+    faults += [
+        f"array '{v.name}' has {_count(v)} elements and {len(str(v.start).split())} start values"
+        for v in described.modelVariables
+        if v.type in _REALS and v.start is not None and len(str(v.start).split()) not in (1, _count(v))
+    ]
     double = [v.name for v in described.modelVariables if v.name in seen or seen.add(v.name)]  # type: ignore[func-returns-value]
     if double:
         faults.append(f"two variables have the name {', '.join(map(repr, double[:5]))}")
@@ -226,6 +238,10 @@ def _faults(described: Any, names: list[str]) -> list[str]:
     if any(u.variable.derivative is None for u in described.derivatives):
         faults.append("a rate does not say whose it is")
     return faults
+
+
+def _count(v: Any) -> int:
+    return math.prod(v.shape or ())
 
 
 def _event_indicators(described: Any) -> int:
@@ -253,7 +269,7 @@ def _communication(described: Any) -> CommunicationSteps:
 def _unit(path: Path, digest: str, described: Any) -> ForeignUnit:
     units = {u.name: u for u in described.unitDefinitions}
     names = _OwnNames()
-    usable = [v for v in described.modelVariables if v.type in _REALS and not v.dimensions]
+    usable = [v for v in described.modelVariables if v.type in _REALS]
     stepped = _is_stepped(described)
     rates = [] if stepped else described.derivatives
     states = [u.variable.derivative for u in rates]
@@ -268,11 +284,11 @@ def _unit(path: Path, digest: str, described: Any) -> ForeignUnit:
         )
 
     def made(variables: Any) -> tuple[ForeignVariable, ...]:
-        return tuple(_variable(v, units, names, on.get(v.valueReference)) for v in variables)
+        return tuple(x for v in variables for x in _elements(v, units, names, on.get(v.valueReference)))
 
     derivatives = not stepped and _has_derivatives(path)
     kinds = ("input", "parameter", "output")
-    left = [v.name for v in described.modelVariables if v.causality in kinds and (v.type not in _REALS or v.dimensions)]
+    left = [v.name for v in described.modelVariables if v.causality in kinds and v.type not in _REALS]
     return ForeignUnit(
         path=path,
         digest=digest,
@@ -300,28 +316,39 @@ def _has_derivatives(path: Path) -> bool:
     return any(given.get(name) in ("true", "1") for name in names)
 
 
-def _variable(v: Any, units: dict[str, Any], names: _OwnNames, depends_on: tuple[int, ...] | None) -> ForeignVariable:
+def _elements(
+    v: Any, units: dict[str, Any], names: _OwnNames, depends_on: tuple[int, ...] | None
+) -> Iterator[ForeignVariable]:
+    """Yield a variable, or the elements of an array row by row."""
     text = v.unit or (v.declaredType.unit if v.declaredType is not None else None) or ""
     unit, factor, offset = _si(text, units.get(text))
 
     def si(value: Any) -> float | None:
         return None if value is None else float(value) * factor + offset
 
-    return ForeignVariable(
-        name=v.name,
-        own=names.take(v.name),
-        unit=unit,
-        meaning=" ".join((v.description or v.name).split()),
-        reference=v.valueReference,
-        factor=factor,
-        offset=offset,
-        start=si(v.start) or 0.0,
-        computed=v.start is None or v.initial == "approx",
-        min=si(v.min),
-        max=si(v.max),
-        tunable=v.variability == "tunable",
-        depends_on=depends_on,
-    )
+    shape = tuple(v.shape or ())
+    places = list(product(*(range(1, n + 1) for n in shape)))  # one, without indices, for what is no array
+    starts = str(v.start).split() if v.start is not None else [None]
+    starts = starts * len(places) if len(starts) == 1 else starts
+    for k, (place, start) in enumerate(zip(places, starts, strict=True)):
+        name = f"{v.name}[{','.join(map(str, place))}]" if place else v.name
+        yield ForeignVariable(
+            name=name,
+            own=names.take(name),
+            unit=unit,
+            meaning=" ".join((v.description or v.name).split()),
+            reference=v.valueReference,
+            factor=factor,
+            offset=offset,
+            start=si(start) or 0.0,
+            computed=v.start is None or v.initial == "approx",
+            min=si(v.min),
+            max=si(v.max),
+            tunable=v.variability == "tunable",
+            depends_on=depends_on,
+            element=k,
+            size=len(places),
+        )
 
 
 def _si(text: str, definition: Any) -> tuple[str, float, float]:

@@ -23,7 +23,7 @@ import numpy as np
 
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign_description import ForeignUnit, read_unit
-from multibody.fmi.stepping import BEGIN, STEPS, SteppedUnit
+from multibody.fmi.stepping import BEGIN, STEPS, SteppedUnit, references, values_of
 
 __all__ = ["COLUMNS", "EVALUATE", "START", "serve"]
 
@@ -77,16 +77,16 @@ class _Running:
         self.sizes = [len(g) for g in (unit.states, unit.inputs, unit.parameters)]
         self.ends = np.cumsum([1, *self.sizes])
         self.inputs, self.parameters, self.outputs, self.states = (
-            [v.reference for v in g] for g in (unit.inputs, unit.parameters, unit.outputs, unit.states)
+            references(g) for g in (unit.inputs, unit.parameters, unit.outputs, unit.states)
         )
         groups = (unit.states, unit.inputs, unit.parameters)
         self.nominal = np.concatenate([[abs(v.start) or 1.0 for v in g] for g in groups])
-        self.p = np.full(len(self.parameters), np.nan)
+        self.p = np.full(len(unit.parameters), np.nan)
         self.rates, self.x, self.u, self.y = (
-            np.empty(len(g)) for g in (self.states, self.states, self.inputs, self.outputs)
+            np.empty(len(g)) for g in (unit.states, unit.states, unit.inputs, unit.outputs)
         )
         self.unknown = (ctypes.c_uint32 * (len(unit.rates) + len(self.outputs)))(*unit.rates, *self.outputs)
-        self.known = [*self.states, *self.inputs, *self.parameters]
+        self.known = [v for g in groups for v in g]
         self.fresh = True
 
     def _start(self, p: np.ndarray) -> None:
@@ -126,7 +126,9 @@ class _Running:
             self._start(p)
         elif changed.size:
             self.fmu.enterEventMode()
-            self._set([self.parameters[k] for k in changed], p[changed])
+            moved = {self.unit.parameters[k].reference for k in changed}  # an array is set as a whole
+            chosen = [k for k, v in enumerate(self.unit.parameters) if v.reference in moved]
+            self._set(references([self.unit.parameters[k] for k in chosen]), p[chosen])
             again = True
             while again:
                 again = (self.fmu.newDiscreteStates if self.second else self.fmu.updateDiscreteStates)()[0]
@@ -141,14 +143,14 @@ class _Running:
     def start(self, p: np.ndarray) -> np.ndarray:
         """Return the states after the unit's own initialization with these parameters."""
         self._start(p)
-        return np.array((self.fmu.getReal if self.second else self.fmu.getFloat64)(self.states), dtype=float)
+        return values_of(self.fmu, self.states, len(self.unit.states))
 
     def evaluate(self, numbers: np.ndarray) -> np.ndarray:
         """Return rates and outputs at time, states, inputs, parameters."""
         self._go_to(numbers)
         fmu = self.fmu
         if self.outputs:  # before the rates: units by OpenModelica compute no outputs once they have computed rates
-            self.y[:] = (fmu.getReal if self.second else fmu.getFloat64)(self.outputs)
+            self.y[:] = values_of(fmu, self.outputs, self.y.size)
         if self.rates.size:
             (fmu.getDerivatives if self.second else fmu.getContinuousStateDerivatives)(
                 _pointer(self.rates), self.rates.size
@@ -168,12 +170,14 @@ class _Running:
 
     def _derivative(self, k: int) -> np.ndarray:
         """Return a column by the unit's own directional derivatives."""
-        out, fmu, n = np.empty(len(self.unknown)), self.fmu, len(self.unknown)
-        known, seed = (ctypes.c_uint32 * 1)(self.known[k]), (ctypes.c_double * 1)(1.0)
+        out, fmu, n, v = np.empty(self.rates.size + self.y.size), self.fmu, len(self.unknown), self.known[k]
+        known, seed = (ctypes.c_uint32 * 1)(v.reference), (ctypes.c_double * v.size)()
+        seed[v.element] = 1.0
         if self.second:
             fmu.fmi2GetDirectionalDerivative(fmu.component, self.unknown, n, known, 1, seed, _pointer(out))
         else:
-            fmu.fmi3GetDirectionalDerivative(fmu.component, self.unknown, n, known, 1, seed, 1, _pointer(out), n)
+            result = _pointer(out), out.size
+            fmu.fmi3GetDirectionalDerivative(fmu.component, self.unknown, n, known, 1, seed, v.size, *result)
         return out
 
     def _difference(self, at: np.ndarray, k: int) -> np.ndarray:

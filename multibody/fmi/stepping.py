@@ -5,17 +5,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from multibody.fmi.foreign_description import ForeignUnit
+from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable
 
-__all__ = ["BEGIN", "STEPS", "SteppedUnit"]
+__all__ = ["BEGIN", "STEPS", "SteppedUnit", "references", "values_of"]
 
 #: Requests.  BEGIN: time, end, inputs, parameters; the answer is the outputs.  STEPS: of each step its begin and size,
 #: the inputs in it, their slopes, and the inputs at its end; the answer is the outputs after each step.
 BEGIN, STEPS = b"B", b"D"
+
+
+def references(variables: Sequence[ForeignVariable]) -> list[int]:
+    """Return the references of variables; the elements of an array have one, and stand together."""
+    return [v.reference for v in variables if v.element == 0]
+
+
+def values_of(fmu: Any, which: list[int], count: int) -> np.ndarray:
+    """Return the values under some references, those of arrays element by element."""
+    if not which:
+        return np.empty(0)
+    return np.array(fmu.getReal(which) if hasattr(fmu, "getReal") else fmu.getFloat64(which, count), dtype=float)
 
 
 class SteppedUnit:
@@ -30,13 +43,13 @@ class SteppedUnit:
         self.fmu: Any = fmpy.instantiate_fmu(folder, described, fmi_type="CoSimulation")
         self.second = unit.fmi_version == "2.0"
         self.inputs, self.parameters, self.outputs = (
-            [v.reference for v in g] for g in (unit.inputs, unit.parameters, unit.outputs)
+            references(g) for g in (unit.inputs, unit.parameters, unit.outputs)
         )
         self.fresh = True
 
     def begin(self, numbers: np.ndarray) -> np.ndarray:
         """Initialise the instance and return its outputs."""
-        fmu, end = self.fmu, len(self.inputs) + 2
+        fmu, end = self.fmu, len(self.unit.inputs) + 2
         start, stop = float(numbers[0]), float(numbers[1])
         if not self.fresh:
             fmu.reset()
@@ -55,7 +68,7 @@ class SteppedUnit:
 
     def steps(self, numbers: np.ndarray) -> np.ndarray:
         """Take communication steps and return the outputs after each, one after another."""
-        n, fmu = len(self.inputs), self.fmu
+        n, fmu = len(self.unit.inputs), self.fmu
         shown = []
         for row in numbers.reshape(-1, 2 + 3 * n):
             self._set(self.inputs, row[2 : 2 + n])
@@ -69,11 +82,9 @@ class SteppedUnit:
             shown.append(self._shown())
         return np.concatenate(shown)
 
-    def _set(self, references: list[int], values: np.ndarray) -> None:
-        if references:
-            (self.fmu.setReal if self.second else self.fmu.setFloat64)(references, values.tolist())
+    def _set(self, which: list[int], values: np.ndarray) -> None:
+        if which:
+            (self.fmu.setReal if self.second else self.fmu.setFloat64)(which, values.tolist())
 
     def _shown(self) -> np.ndarray:
-        if not self.outputs:
-            return np.empty(0)
-        return np.array((self.fmu.getReal if self.second else self.fmu.getFloat64)(self.outputs), dtype=float)
+        return values_of(self.fmu, self.outputs, len(self.unit.outputs))
