@@ -19,7 +19,6 @@ from multibody.base.parallel import parallel_map
 from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = [
-    "FittedNoise",
     "StageLikelihood",
     "acting_inputs",
     "log_price",

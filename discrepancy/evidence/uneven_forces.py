@@ -111,7 +111,10 @@ def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]
         gain = whole.log_likelihood - fitted.log_likelihood - price
         if ratio >= LEAST_RATIO and gain > 0.0:
             uneven.append(UnevenForce(where=process.where, at=best.regime.what, ratio=ratio, gain=gain))
-    return tuple(uneven)
+    clearest: dict[str, UnevenForce] = {}  # several processes may make up one force
+    for force in sorted(uneven, key=lambda u: u.gain):
+        clearest[force.where] = force
+    return tuple(clearest.values())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
