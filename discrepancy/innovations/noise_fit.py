@@ -44,6 +44,9 @@ FIRST_SIZES = (0.3, 3.0, 30.0)
 MEMORY_FACTORS, FREQUENCY_FACTORS, FINE_FACTORS = (0.4, 2.5), (0.85, 1.18), (0.95, 1.05)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
 ROUNDS, FURTHEST = 30, 6.0
+#: How far the logarithms of a memory and of a frequency may move in one fit, and the step of their differences: those
+#: offered are four memories, evenly from two samples to a third of a record, and octaves.
+FURTHEST_MEMORY, FURTHEST_FREQUENCY, DIFFERENCE = 2.5, 0.7, 1e-3
 #: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
 #: search: what they give away is far below `WORTH`.
 STEEP, LINE_SEARCH = 0.3, 6
@@ -384,8 +387,14 @@ def fit_noise(
     def likelihood(model: NoiseModel) -> float:
         return restricted_log_likelihood(records, model, prior_std, prior_offset)
 
+    def score(model: NoiseModel) -> tuple[float, np.ndarray]:
+        return restricted_score(records, model, prior_std, prior_offset)
+
     def climb(model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
-        return _climb(model, value, lambda m: restricted_score(records, m, prior_std, prior_offset), floor)
+        return _climb(model, value, score, floor)
+
+    def refined(model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
+        return _climb(model, value, score, floor, likelihood)
 
     if start is None:
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
@@ -421,7 +430,9 @@ def fit_noise(
         fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
         if value < best + WORTH:
             break
-        model, best = _without_needless(fitted, value, likelihood, climb) if reduce else (fitted, value)
+        model, best = refined(fitted, value)
+        if reduce:
+            model, best = _without_needless(model, best, likelihood, climb)
     return model, best
 
 
@@ -559,26 +570,51 @@ def _climb(
     value: float,
     score: Callable[[NoiseModel], tuple[float, np.ndarray]],
     floor: np.ndarray,
+    likelihood: Callable[[NoiseModel], float] | None = None,
 ) -> tuple[NoiseModel, float]:
-    """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood."""
+    """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood.
+
+    With ``likelihood`` over those of the processes' memories and frequencies as well, whose derivatives are differences
+    of it.
+    """
     from scipy.optimize import Bounds, minimize
 
-    n_c = len(model.noise)
+    n_c, processes = len(model.noise), model.processes
+    swinging = [k for k, q in enumerate(processes) if q.frequency > 0.0]
+    n_std, n_p = n_c + len(processes), len(processes)
 
     def at(x: np.ndarray) -> NoiseModel:
-        std = np.exp(x)
-        processes = tuple(replace(q, std=float(s)) for q, s in zip(model.processes, std[n_c:], strict=True))
-        return replace(model, noise=tuple(std[:n_c].tolist()), processes=processes)
+        moved = list(processes)
+        for k, (q, s) in enumerate(zip(processes, np.exp(x[n_c:n_std]), strict=True)):
+            moved[k] = replace(q, std=float(s))
+        if likelihood is not None:
+            for k, memory in enumerate(np.exp(x[n_std : n_std + n_p])):
+                moved[k] = replace(moved[k], memory=float(memory))
+            for k, frequency in zip(swinging, np.exp(x[n_std + n_p :]), strict=True):
+                moved[k] = replace(moved[k], frequency=float(frequency))
+        return replace(model, noise=tuple(np.exp(x[:n_c]).tolist()), processes=tuple(moved))
 
-    begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in model.processes)])
+    begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in processes)])
     least = np.concatenate([np.log(floor), begin[n_c:] - FURTHEST])
     begin = np.maximum(begin, least)
+    most = begin + FURTHEST
+    if likelihood is not None:
+        shapes = np.log([*(q.memory for q in processes), *(processes[k].frequency for k in swinging)])
+        reach = np.repeat([FURTHEST_MEMORY, FURTHEST_FREQUENCY], [n_p, len(swinging)])
+        begin, least = np.concatenate([begin, shapes]), np.concatenate([least, shapes - reach])
+        most = np.concatenate([most, shapes + reach])
 
     def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
         reached, derivatives = score(at(x))
-        return (-reached, -derivatives) if reached > value - HOPELESS else (HOPELESS - value, np.zeros(x.size))
+        if not reached > value - HOPELESS:
+            return HOPELESS - value, np.zeros(x.size)
+        if likelihood is not None:
+            steps = DIFFERENCE * np.eye(x.size)[n_std:]
+            beside = np.array([likelihood(at(x + step)) for step in steps])
+            derivatives = np.concatenate([derivatives, (beside - reached) / DIFFERENCE])
+        return -reached, -derivatives
 
-    bounds: Any = Bounds(least, begin + FURTHEST)
+    bounds: Any = Bounds(least, most)
     result = minimize(
         loss,
         begin,
