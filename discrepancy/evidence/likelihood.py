@@ -150,7 +150,10 @@ class StageLikelihood:
         """The noise model that explains the residual best beside the calibration."""
         records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
-        return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=self.grow)
+        # the likelihood has several maxima: what is grown begins once more from white noise
+        starts = dict.fromkeys([self.start, None] if self.grow else [self.start])
+        fits = [fitted_noise(self.linearised, records, columns, std, offset, s, grow=self.grow) for s in starts]
+        return max(fits, key=lambda f: f.log_likelihood + log_price(self.linearised, f.model))
 
     @cached_property
     def weighted(self) -> LinearisedProblem:

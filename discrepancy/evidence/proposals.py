@@ -43,9 +43,8 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
-#: Share of the log evidence lost without a latent process that a candidate in its place must regain for the noise to be
-#: fitted anew beside it: more than half, else the process does mostly something else.
-REGAINED = 0.5
+#: Candidates that explain what a latent process does, for which the noise is fitted anew: each costs a second or more.
+REFITTED = 2
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
@@ -355,24 +354,26 @@ def _scorings_beside_leading(
 ) -> list[_Scoring]:
     """Return the scores under the noise that is left beside the best candidates.
 
-    For each latent process of the noise the candidate is sought that explains best what the process does, each at the
-    shape that is best under the noise as it is.  The one that gains most of all, if it explains most of what its
-    process does, gets the noise anew from the other processes, for what else the process did.  The last scores are
-    those beside the best candidate of all, with the noise of the model as it is.
+    Candidates are scored without each latent process of the noise, and without all of them, each at the shape that is
+    best under the noise as it is.  Of the candidates that lead there, those that regain most of what is lost with the
+    processes get the noise anew beside them, from white noise: the processes were chosen without them.  The last scores
+    are those beside the best candidate of all, with the noise of the model as it is.
     """
     model, scorings = likelihood.noise.model, []
     at_best_shapes = [c.at_one_shape for c in own.ranked]
-    instead: list[tuple[ScoredCandidate, NoiseModel]] = []
-    for k, process in enumerate(model.processes):
-        progress(f"what may stand in the place of what is random at {process.where}")
-        rest = replace(model, processes=tuple(q for j, q in enumerate(model.processes) if j != k))
-        without = _Scoring.under(likelihood, rest, at_best_shapes, own.noise)
+    fewer = [tuple(q for q in model.processes if q is not process) for process in model.processes]
+    regained: dict[str, tuple[float, ScoredCandidate]] = {}
+    for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
+        without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
         leading = without.leading
-        if leading is not None and leading.gain > (1.0 - REGAINED) * without.offset:
-            instead.append((leading, rest))
-    if instead:
-        leading, rest = max(instead, key=lambda pair: pair[0].gain)
-        beside = _noise_beside(likelihood, leading, rest, grow=True)
+        if leading is not None and leading.gain > without.offset:
+            share = 1.0 - leading.gain / min(without.offset, -1.0)
+            if share > regained.get(leading.name, (0.0, leading))[0]:
+                regained[leading.name] = share, leading
+    white = replace(model, processes=())
+    for _, leading in sorted(regained.values(), key=lambda t: -t[0])[:REFITTED]:
+        progress(f"what else is random beside {leading.name}")
+        beside = _noise_beside(likelihood, leading, white, grow=True)
         scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
     leading = max((c for s in (own, *scorings) if (c := s.leading) is not None), key=lambda c: c.gain, default=None)
     if leading is not None:
