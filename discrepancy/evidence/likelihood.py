@@ -251,16 +251,25 @@ def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
 def log_price(linearised: LinearisedProblem, model: NoiseModel) -> float:
     """Return what the latent processes of a noise model cost in the log evidence: zero, or negative.
 
-    Each pays what it had to earn, for its size and memory are maximised over and not integrated out.  The size of an
+    Each pays what it had to earn: for its size and memory, which are maximised over and not integrated out, and for its
+    name, which is one among all that are offered, as an effect does.  The size of an
     error of an output has a prior besides, a Cauchy density whose scale is the stated noise of that output: an error
     that is many times as large, however slowly it changes, is no noise that the owner of the sensor knows of.
     """
-    price = WORTH * len(model.processes)
+    price = _price_of_a_process(linearised) * len(model.processes)
     for process in model.processes:
         if process.channel >= 0:
             stated = max(linearised.noise.get(process.where, 0.0), 1e-300)
             price += float(np.log1p((process.std / stated) ** 2))
     return -price
+
+
+def _price_of_a_process(linearised: LinearisedProblem) -> float:
+    """Return the nats by which a latent process must raise the likelihood."""
+    connections, recorded = acting_inputs(linearised)
+    octaves = _frequencies(linearised).size
+    offered = (len(connections) + len(linearised.residual().channels)) * (MEMORIES + octaves) + len(recorded)
+    return WORTH + float(np.log(offered))
 
 
 def _spread(linearised: LinearisedProblem) -> np.ndarray:
@@ -286,22 +295,23 @@ def fitted_noise(
     noise = noise_floor(linearised)
     candidates = _candidates(linearised, records, noise) if grow else []
     floor = LEAST_NOISE * noise
-    model, value = fit_noise(columns, prior_std, prior_offset, floor, candidates, start=start, grow=grow, reduce=reduce)
+    price = _price_of_a_process(linearised)
+    model, value = fit_noise(
+        columns, prior_std, prior_offset, floor, candidates, start=start, price=price, grow=grow, reduce=reduce
+    )
     change = likeliest_change(columns, model, prior_std, prior_offset)
     return FittedNoise(model=model, log_likelihood=value, records=tuple(records), change=change)
 
 
 def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], noise: np.ndarray) -> list[Process]:
     """Return the latent processes that may be part of the noise model, each of a size that shows."""
-    longest = float(np.median([r.time[-1] - r.time[0] for r in records]))
-    step = float(np.median(np.concatenate([np.diff(r.time) for r in records])))
+    longest, step = _length_and_step(linearised)
     memories = np.geomspace(2.0 * step, max(longest / 3.0, 4.0 * step), MEMORIES)
     places = [place.name for place in linearised.system.places]
     sources = _sources(linearised)
     sticking = places_that_stick(linearised)
     shows = steady_reach(records, noise)
-    octaves = max(int(np.log2(max(longest / (SAMPLES_OF_A_CYCLE * step * CYCLES), 0.5))) + 1, 0)
-    frequencies = CYCLES / longest * 2.0 ** np.arange(octaves)
+    frequencies = _frequencies(linearised)
     candidates: list[Process] = []
     acting = [(j, source, memories[:1]) for j, source in enumerate(sources)]  # the noise of a recorded input is white
     acting[: len(places)] = [(j, place, memories) for j, place in enumerate(places)]
@@ -317,6 +327,21 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
         slow = Process(where=name, source=-1, channel=c, memory=1.0, std=float(noise[c]))
         candidates += _with_spectra(slow, memories[1:], frequencies)
     return candidates
+
+
+def _length_and_step(linearised: LinearisedProblem) -> tuple[float, float]:
+    """Return the duration of a usual record, and the time between two of its samples, s."""
+    times = [e.time for e in linearised.experiments]
+    step = np.median(np.concatenate([np.diff(t) for t in times]))
+    return float(np.median([t[-1] - t[0] for t in times])), float(step)
+
+
+def _frequencies(linearised: LinearisedProblem) -> np.ndarray:
+    """Return the frequencies of the processes that swing, Hz."""
+    longest, step = _length_and_step(linearised)
+    octaves = max(int(np.log2(max(longest / (SAMPLES_OF_A_CYCLE * step * CYCLES), 0.5))) + 1, 0)
+    frequencies: np.ndarray = CYCLES / longest * 2.0 ** np.arange(octaves)
+    return frequencies
 
 
 def _with_spectra(process: Process, memories: Iterable[float], frequencies: Iterable[float]) -> list[Process]:

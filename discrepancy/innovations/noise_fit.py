@@ -21,8 +21,8 @@ __all__ = [
     "restricted_score",
 ]
 
-#: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
-#: where there is no such process.
+#: Nats that the size and the memory of a process cost, which are maximised over: two parameters, of which one is at
+#: its bound where there is no such process.
 WORTH = 4.0
 #: Nats by which the likelihood may fall without a process, before the others are fitted anew, so that it is tried
 #: without; chosen, several times `WORTH`.
@@ -361,13 +361,14 @@ def fit_noise(
     candidates: Sequence[Process],
     start: NoiseModel | None = None,
     *,
+    price: float = WORTH,
     grow: bool = True,
     reduce: bool = True,
 ) -> tuple[NoiseModel, float]:
     """Return the noise model with the largest restricted likelihood, and that likelihood.
 
     Begins with white noise, or with ``start``; then processes are added one after another, the one that raises the
-    likelihood most, as long as it does so by more than `WORTH`.
+    likelihood most, as long as it does so by more than its price.
 
     Parameters
     ----------
@@ -378,6 +379,8 @@ def fit_noise(
     candidates : sequence of Process
         With the standard deviation that moves some output by its noise.
     start : NoiseModel, optional
+    price : float
+        Nats by which a process must raise the likelihood.
     grow : bool
         False: add no process to those of ``start``.
     reduce : bool
@@ -401,7 +404,7 @@ def fit_noise(
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
     model, best = climb(*_with_correlation(start, records, likelihood, floor))
     if reduce:
-        model, best = _without_needless(model, best, likelihood, climb)
+        model, best = _without_needless(model, best, price, likelihood, climb)
     promising = list(candidates)
     rows = sum(r.residual.size for r in records)
     thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
@@ -428,17 +431,18 @@ def fit_noise(
         tuned = [_tuned(*t, likelihood, climb) for t in climbed[:TUNED] if t[1] > best + PROMISES]
         fitted, value = max(tuned, key=lambda t: t[1], default=(model, best))
         fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
-        if value < best + WORTH:
+        if value < best + price:
             break
         model, best = refined(fitted, value)
         if reduce:
-            model, best = _without_needless(model, best, likelihood, climb)
+            model, best = _without_needless(model, best, price, likelihood, climb)
     return model, best
 
 
 def _without_needless(
     model: NoiseModel,
     value: float,
+    price: float,
     likelihood: Callable[[NoiseModel], float],
     climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
 ) -> tuple[NoiseModel, float]:
@@ -455,7 +459,7 @@ def _without_needless(
             if reached > value - NEARLY:
                 fewer.append(climb(trial, reached))
         best = max(fewer, key=lambda t: t[1], default=None)
-        if best is None or best[1] < value - WORTH:
+        if best is None or best[1] < value - price:
             break
         model, value = best
     return model, value
