@@ -81,17 +81,30 @@ class StageLikelihood:
     given_left_out : tuple of ndarray or None
         Samples of every record that are left out, of the first model of a search: all its models are compared on the
         same samples.  None: those at a standstill of this model.
+    given_noise : FittedNoise or None
+        The noise where it is known already.
     """
 
     stage: Stage
     start: NoiseModel | None = None
     grow: bool = True
     given_left_out: tuple[np.ndarray, ...] | None = None
+    given_noise: FittedNoise | None = None
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def with_richer_noise(self) -> StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
-        return replace(self, start=self.noise.model, grow=True)
+        return replace(self, start=self.noise.model, grow=True, given_noise=None)
+
+    def with_likelier_noise(self, start: NoiseModel) -> StageLikelihood | None:
+        """Return the same stage with its noise fitted from that of another model; None where that is no likelier."""
+        records = self.noise.records
+        columns, std, offset = record_columns(self.linearised, records, self.held)
+        fitted = fitted_noise(self.linearised, records, columns, std, offset, start, grow=False)
+        return replace(self, given_noise=fitted) if self._value(fitted) > self._value(self.noise) else None
+
+    def _value(self, fitted: FittedNoise) -> float:
+        return fitted.log_likelihood + log_price(self.linearised, fitted.model)
 
     def neighbour(self, stage: Stage, noise: NoiseModel | None = None) -> StageLikelihood:
         """Return the likelihood of another fit on the same samples; its noise begins with this one's, or as given."""
@@ -148,12 +161,14 @@ class StageLikelihood:
     @cached_property
     def noise(self) -> FittedNoise:
         """The noise model that explains the residual best beside the calibration."""
+        if self.given_noise is not None:
+            return self.given_noise
         records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
         # the likelihood has several maxima: what is grown begins once more from white noise
         starts = dict.fromkeys([self.start, None] if self.grow else [self.start])
         fits = [fitted_noise(self.linearised, records, columns, std, offset, s, grow=self.grow) for s in starts]
-        return max(fits, key=lambda f: f.log_likelihood + log_price(self.linearised, f.model))
+        return max(fits, key=self._value)
 
     @cached_property
     def weighted(self) -> LinearisedProblem:

@@ -123,8 +123,29 @@ class EvidenceSearch:
         self.state.progress(f"what is random beside {model.name}")
         model.likelihood = model.likelihood.with_richer_noise()
         self._refresh(model)
+        parent = self.models.get(model.parent) if model.parent is not None else None
+        if parent is not None and self._share_noise(model, parent):
+            for child in self.models.values():
+                if child.parent == parent.key and child.likelihood is not None and child.matters:
+                    self._judge(child, parent)
         model.likelihood.free_memory()
         give_back()
+        return True
+
+    def _share_noise(self, model: TriedModel, other: TriedModel) -> bool:
+        """Fit the noise of a model once more, from that of a better one; tell whether it is likelier.
+
+        The likelihood of a noise model has several maxima.  One that was found beside an effect, and would do as well
+        without it, must not count for the effect.
+        """
+        if model.likelihood is None or other.likelihood is None or model.total <= other.total:
+            return False
+        likelier = other.likelihood.with_likelier_noise(model.likelihood.noise.model)
+        if likelier is None:
+            return False
+        before, other.likelihood = other.total, likelier
+        self._refresh(other)
+        self.state.progress(f"{other.name}: log evidence {other.total - before:+.1f} with the noise of {model.name}")
         return True
 
     def _extend(self, model: TriedModel) -> None:
@@ -256,6 +277,8 @@ class EvidenceSearch:
 
     def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
         """Judge models that were fitted, and let them be among those that were tried."""
+        for model in sorted(trials, key=lambda m: -m.total)[: POLICY.beam]:
+            self._share_noise(model, parent)
         for model in trials:
             if model.likelihood is not None:
                 self._judge(model, parent)
@@ -327,6 +350,7 @@ class EvidenceSearch:
             for model in self._fitted_once(best, [*self._simplifications(best), *moves.drops(best)]):
                 if model.likelihood is None:
                     continue
+                self._share_noise(best, model)
                 gain = predictive_gain(best.likelihood, model.likelihood)
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 if new := set(model.key) - set(best.key):
