@@ -311,7 +311,7 @@ class EvidenceSearch:
         gain = model.total - parent.total
         more = len(model.stage.effects) > len(parent.stage.effects)
         if gain <= (POLICY.improvement if more else 0.0):
-            model.outcome = "not better"
+            model.better, model.outcome = False, "not better"
         elif more and (why := moves.why_irrelevant(model, parent)):
             model.refuse(f"better, but {why}")
         else:
