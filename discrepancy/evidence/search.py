@@ -123,29 +123,39 @@ class EvidenceSearch:
         self.state.progress(f"what is random beside {model.name}")
         model.likelihood = model.likelihood.with_richer_noise()
         self._refresh(model)
-        parent = self.models.get(model.parent) if model.parent is not None else None
-        if parent is not None and self._share_noise(model, parent):
-            for child in self.models.values():
-                if child.parent == parent.key and child.likelihood is not None and child.matters:
-                    self._judge(child, parent)
+        if model.parent is not None:
+            parent = self.models[model.parent]
+            children = [m for m in self.models.values() if m.parent == parent.key and m.likelihood is not None]
+            if self._share_noise([model], parent, children):
+                for child in children:
+                    if child.matters:
+                        self._judge(child, parent)
         model.likelihood.free_memory()
         give_back()
         return True
 
-    def _share_noise(self, model: TriedModel, other: TriedModel) -> bool:
-        """Fit the noise of a model once more, from that of a better one; tell whether it is likelier.
+    def _share_noise(self, sources: Sequence[TriedModel], parent: TriedModel, children: Sequence[TriedModel]) -> bool:
+        """Fit the noise of a model once more from that of better ones, and if that is likelier, that of its children.
 
         The likelihood of a noise model has several maxima.  One that was found beside an effect, and would do as well
-        without it, must not count for the effect.
+        without it, must not count for the effect; nor must one that was found later count against those before it.
         """
-        if model.likelihood is None or other.likelihood is None or model.total <= other.total:
+        better = [m for m in sources if m.total > parent.total and self._with_noise_of(m, parent)]
+        if better:
+            for child in children:
+                self._with_noise_of(parent, child)
+        return bool(better)
+
+    def _with_noise_of(self, source: TriedModel, model: TriedModel) -> bool:
+        """Fit the noise of a model once more, from that of another; tell whether it is likelier."""
+        if source.likelihood is None or model.likelihood is None:
             return False
-        likelier = other.likelihood.with_likelier_noise(model.likelihood.noise.model)
+        likelier = model.likelihood.with_likelier_noise(source.likelihood.noise.model)
         if likelier is None:
             return False
-        before, other.likelihood = other.total, likelier
-        self._refresh(other)
-        self.state.progress(f"{other.name}: log evidence {other.total - before:+.1f} with the noise of {model.name}")
+        before, model.likelihood = model.total, likelier
+        self._refresh(model)
+        self.state.progress(f"{model.name}: log evidence {model.total - before:+.1f} with the noise of {source.name}")
         return True
 
     def _extend(self, model: TriedModel) -> None:
@@ -277,8 +287,7 @@ class EvidenceSearch:
 
     def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
         """Judge models that were fitted, and let them be among those that were tried."""
-        for model in sorted(trials, key=lambda m: -m.total)[: POLICY.beam]:
-            self._share_noise(model, parent)
+        self._share_noise(sorted(trials, key=lambda m: -m.total)[: POLICY.beam], parent, trials)
         for model in trials:
             if model.likelihood is not None:
                 self._judge(model, parent)
@@ -350,7 +359,8 @@ class EvidenceSearch:
             for model in self._fitted_once(best, [*self._simplifications(best), *moves.drops(best)]):
                 if model.likelihood is None:
                     continue
-                self._share_noise(best, model)
+                if best.total > model.total:
+                    self._with_noise_of(best, model)
                 gain = predictive_gain(best.likelihood, model.likelihood)
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 if new := set(model.key) - set(best.key):
