@@ -106,10 +106,10 @@ class StageLikelihood:
     def _value(self, fitted: FittedNoise) -> float:
         return fitted.log_likelihood + log_price(self.linearised, fitted.model)
 
-    def neighbour(self, stage: Stage, noise: NoiseModel | None = None) -> StageLikelihood:
+    def neighbour(self, stage: Stage, noise: NoiseModel | None = None, *, grow: bool = False) -> StageLikelihood:
         """Return the likelihood of another fit on the same samples; its noise begins with this one's, or as given."""
         start = noise or self.noise.model
-        return StageLikelihood(stage=stage, start=start, grow=False, given_left_out=self.left_out)
+        return StageLikelihood(stage=stage, start=start, grow=grow, given_left_out=self.left_out)
 
     @property
     def linearised(self) -> LinearisedProblem:

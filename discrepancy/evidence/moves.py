@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -158,7 +158,9 @@ class TriedModel:
 
 def additions(proposals: Proposals, effects: Sequence[Effect]) -> list[Proposal]:
     """Return the models with one effect more that are worth a full fit."""
-    return [proposed_effects(c, effects) for c in proposals.ahead()]
+    instead = [replace(proposed_effects(c, effects), noise=None, new_noise=True) for c in proposals.instead]
+    names = {c.name for c in proposals.instead}
+    return [*instead, *(proposed_effects(c, effects) for c in proposals.ahead() if c.name not in names)]
 
 
 def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:

@@ -43,7 +43,7 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
-#: Candidates that explain what a latent process does, for which the noise is fitted anew: each costs a second or more.
+#: Candidates that do what latent processes do that are fitted in full, with the noise anew: each costs some seconds.
 REFITTED = 2
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
@@ -127,12 +127,15 @@ class Proposal:
         Further sets of values from which the fit may begin.
     noise : NoiseModel or None
         From which the fit of the noise begins; None: from that of the model that is extended.
+    new_noise : bool
+        Whether the noise is fitted from white noise as well, for processes that the effects stand in the place of.
     """
 
     move: str
     effects: tuple[Effect, ...]
     starts: tuple[tuple[Effect, ...], ...] = ()
     noise: NoiseModel | None = None
+    new_noise: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,6 +149,8 @@ class Proposals:
     candidates : tuple of ScoredCandidate
         Best linear evidence first: under the model's noise, or under the noise that is left beside the best of them,
         whichever is larger.
+    instead : tuple of ScoredCandidate
+        Those that do best what the latent processes of the noise do.
     refused : tuple of (Entry, str)
     owned : mapping of str to str
         Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
@@ -157,6 +162,7 @@ class Proposals:
 
     scan: ScanResult
     candidates: tuple[ScoredCandidate, ...]
+    instead: tuple[ScoredCandidate, ...]
     refused: tuple[tuple[Entry, str], ...]
     owned: Mapping[str, str]
     alike: Mapping[str, frozenset[str]]
@@ -212,9 +218,9 @@ def propose(
 ) -> Proposals:
     """Score every candidate on a stage's innovations.
 
-    What is missing is first taken for noise, and the noise then hides it.  So the candidates are scored several times:
-    under the noise of the model as it is, under that without one of its latent processes each, and under the noise that
-    is left when the best candidate so far is part of the model.  All gains are over the model with its own noise.
+    What is missing is first taken for noise, and the noise then hides it.  So the candidates are scored under the noise
+    of the model as it is and under that which is left beside the best of them, and those that do what the latent
+    processes do are listed besides.  All gains are over the model with its own noise.
 
     Parameters
     ----------
@@ -251,7 +257,8 @@ def propose(
     likeness = parameter_likeness(sens)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, scoring.white, POLICY.same_direction)
-    scorings = [scoring, *_scorings_beside_leading(likelihood, scoring, progress)]
+    scorings = [scoring, *_scoring_beside_leading(likelihood, scoring, progress)]
+    instead = tuple(c for c in _in_place_of_random(likelihood, scoring, progress) if c.name not in same_law)
     owned = same_law | _owned(scorings, likeness)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
     # the direction decides what is alike: one metric for all
@@ -262,7 +269,13 @@ def propose(
             best[c.name] = replace(c, direction=directions.get(c.name, c.direction))
     candidates = sorted(best.values(), key=lambda c: -c.gain)
     return Proposals(
-        scan=result, candidates=tuple(candidates), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
+        scan=result,
+        candidates=tuple(candidates),
+        instead=tuple(c for c in instead if c.name not in owned),
+        refused=tuple(refused),
+        owned=owned,
+        alike=alike,
+        sticks=sticks,
     )
 
 
@@ -349,38 +362,41 @@ class _Scoring:
         return ranked[0].gain + self.offset if ranked else -math.inf
 
 
-def _scorings_beside_leading(
+def _in_place_of_random(
     likelihood: StageLikelihood, own: _Scoring, progress: Callable[[str], None]
-) -> list[_Scoring]:
-    """Return the scores under the noise that is left beside the best candidates.
+) -> tuple[ScoredCandidate, ...]:
+    """Return the candidates that do best what the latent processes of the noise do, those first that do most of it.
 
-    Candidates are scored without each latent process of the noise, and without all of them, each at the shape that is
-    best under the noise as it is.  Of the candidates that lead there, those that regain most of what is lost with the
-    processes get the noise anew beside them, from white noise: the processes were chosen without them.  The last scores
-    are those beside the best candidate of all, with the noise of the model as it is.
+    They are sought without each of the processes, and without all of them.  What a large effect leaves of the residual
+    in the linearised problem says little of what it leaves in truth, so only a fit tells what is random beside it.
     """
-    model, scorings = likelihood.noise.model, []
-    at_best_shapes = [c.at_one_shape for c in own.ranked]
+    model = likelihood.noise.model
     fewer = [tuple(q for q in model.processes if q is not process) for process in model.processes]
-    regained: dict[str, tuple[float, ScoredCandidate]] = {}
+    at_best_shapes = [c.at_one_shape for c in own.ranked]
+    shares: list[tuple[float, ScoredCandidate]] = []
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
+        progress("what may stand in the place of what is random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
         leading = without.leading
         if leading is not None and leading.gain > without.offset:
-            share = 1.0 - leading.gain / min(without.offset, -1.0)
-            if share > regained.get(leading.name, (0.0, leading))[0]:
-                regained[leading.name] = share, leading
-    white = replace(model, processes=())
-    for _, leading in sorted(regained.values(), key=lambda t: -t[0])[:REFITTED]:
-        progress(f"what else is random beside {leading.name}")
-        beside = _noise_beside(likelihood, leading, white, grow=True)
-        scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
-    leading = max((c for s in (own, *scorings) if (c := s.leading) is not None), key=lambda c: c.gain, default=None)
-    if leading is not None:
-        progress(f"the noise that is left beside {leading.name}")
-        beside = _noise_beside(likelihood, leading, model, grow=False)
-        scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
-    return scorings
+            shares.append((1.0 - leading.gain / min(without.offset, -1.0), leading))
+    leaders: list[ScoredCandidate] = []
+    for _, candidate in sorted(shares, key=lambda t: -t[0]):
+        if not any(_same(candidate, other) for other in leaders):
+            leaders.append(candidate)
+    return tuple(leaders[:REFITTED])
+
+
+def _scoring_beside_leading(
+    likelihood: StageLikelihood, own: _Scoring, progress: Callable[[str], None]
+) -> list[_Scoring]:
+    """Return the scores under the noise that is left beside the best candidate; none without a candidate."""
+    leading = own.leading
+    if leading is None:
+        return []
+    progress(f"the noise that is left beside {leading.name}")
+    beside = _noise_beside(likelihood, leading)
+    return [_Scoring.under(likelihood, beside, own.raw, own.noise)]
 
 
 def _owned(scorings: Sequence[_Scoring], likeness: ParameterLikeness) -> dict[str, str]:
@@ -449,7 +465,7 @@ def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray
     return sorted(out, key=lambda c: -c.gain)
 
 
-def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate, start: NoiseModel, *, grow: bool) -> NoiseModel:
+def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate) -> NoiseModel:
     """Return the noise of a model that has a candidate in it, in the linearised problem."""
     plain, fitted = likelihood.linearised, likelihood.noise
     columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
@@ -462,8 +478,8 @@ def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate, start: N
         with_columns(columns, more),
         np.concatenate([std, np.full(width, np.inf)]),
         np.concatenate([offset, np.zeros(width)]),
-        start,
-        grow=grow,
+        fitted.model,
+        grow=False,
     ).model
 
 
