@@ -225,7 +225,7 @@ def _unknown_laws(
     beside = {}
     for key, model in models.items():
         law = model.unknown_law
-        if law is not None and law.matters and key in weights:
+        if law is not None and law.predicts and key in weights:
             weight = weights[key]
             data, odds = weight.data + law.gain - law.log_odds, weight.odds + law.log_odds
             beside[(*key, law.name)] = _Weight(data, odds, key)

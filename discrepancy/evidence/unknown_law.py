@@ -95,10 +95,15 @@ class UnknownLaw:
         return max(*self.share.values(), of_prediction) >= POLICY.unnamed_relevance
 
     @property
+    def predicts(self) -> bool:
+        """Whether it matters, and records that were left out are predicted better with it."""
+        return self.matters and self.predictive.exceeds(POLICY.predictive_errors)
+
+    @property
     def announced(self) -> bool:
         """Whether it passes what every effect that is announced must pass."""
         odds = (self.gain - self.log_odds) / POLICY.temperature + self.log_odds
-        return self.matters and odds > 0.0 and self.predictive.exceeds(POLICY.predictive_errors)
+        return self.predicts and odds > 0.0
 
     @property
     def sentence(self) -> str:

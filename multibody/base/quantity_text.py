@@ -6,6 +6,7 @@ The counterpart of `multibody.base.units`, which reads units; nothing here needs
 from __future__ import annotations
 
 import math
+import re
 
 __all__ = [
     "bare_unit",
@@ -47,7 +48,7 @@ def unit_text(unit: str) -> str:
     >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("(N*m)/(rad/s)"), unit_text("(m/s)")
     ('N·s/m', 'kg·m²', 'N·m/(rad/s)', 'm/s')
     """
-    return bare_unit(unit).replace("**2", "²").replace("**3", "³").replace("*", "·")
+    return re.sub(r"\*\*(-?\d+)", lambda power: power[1].translate(_RAISED), bare_unit(unit)).replace("*", "·")
 
 
 def bare_unit(unit: str) -> str:
