@@ -45,8 +45,8 @@ def unit_text(unit: str) -> str:
 
     Examples
     --------
-    >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("(N*m)/(rad/s)"), unit_text("(m/s)")
-    ('N·s/m', 'kg·m²', 'N·m/(rad/s)', 'm/s')
+    >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("(N*m)/(rad/s)"), unit_text("W/K**4")
+    ('N·s/m', 'kg·m²', 'N·m/(rad/s)', 'W/K⁴')
     """
     return re.sub(r"\*\*(-?\d+)", lambda power: power[1].translate(_RAISED), bare_unit(unit)).replace("*", "·")
 
