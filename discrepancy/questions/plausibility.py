@@ -131,6 +131,11 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
     free = dict.fromkeys(name for e in problem.identify for name in e.free)
     if free:
         notes.facts.append(f"estimated for each record: the start of {', '.join(free)}")
+    notes.facts += [
+        f"'{e.name}': {clock.added:.4g} s are added to the time of '{clock.files}'; what is left is fitted"
+        for e in problem.identify
+        for clock in e.clocks
+    ]
     return Check(
         faults=tuple(notes.faults),
         warnings=tuple(dict.fromkeys(notes.warnings)),
