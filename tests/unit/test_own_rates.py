@@ -136,6 +136,23 @@ def test_a_constant_clock_offset_is_fitted(tmp_path):
     assert abs(stated["spring.damping"] - TRUTH["spring.damping"]) < 4.0 * std_of(stated, "spring.damping")
 
 
+@pytest.mark.parametrize("late", [0.9, -1.7])
+def test_a_clock_that_is_off_by_more_than_a_swing_is_found(tmp_path, late):
+    """The speed swings once in 1.5 to 3 s: a fit that begins at zero would end at another swing.
+
+    Ends at which the model would be asked for times that no input covers are left out: nothing biases the parameters.
+    """
+    problem, fit, floors = fitted(write(tmp_path, late, extra='[clocks]\n"speed.csv" = { fit = true }\n'))
+    (experiment,) = problem.identify
+    (clock,) = experiment.clocks
+    assert clock.added == pytest.approx(late, abs=0.1)
+    assert clock.added + fit.fits[0].own[clock.name] == pytest.approx(late, abs=2e-3)
+    for name in ("spring.stiffness", "spring.damping"):
+        assert abs(fit[name] - TRUTH[name]) < 4.0 * std_of(fit, name), name
+    residual = fit.fits[0].residual[:, experiment.outputs.index("mass.velocity")]
+    assert np.max(np.abs(residual)) < 6.0 * NOISE["mass.velocity"]
+
+
 def test_what_own_instants_do_not_allow_is_refused(tmp_path):
     study = write(tmp_path, extra='[study]\nsearch = "evidence"\n')
     with pytest.raises(StudyError, match="search by evidence does not know"):
