@@ -142,7 +142,7 @@ def test_a_clock_that_is_off_by_more_than_a_swing_is_found(tmp_path, late):
 
     Ends at which the model would be asked for times that no input covers are left out: nothing biases the parameters.
     """
-    problem, fit, floors = fitted(write(tmp_path, late, extra='[clocks]\n"speed.csv" = { fit = true }\n'))
+    problem, fit, _ = fitted(write(tmp_path, late, extra='[clocks]\n"speed.csv" = { fit = true }\n'))
     (experiment,) = problem.identify
     (clock,) = experiment.clocks
     assert clock.added == pytest.approx(late, abs=0.1)

@@ -135,7 +135,8 @@ def test_a_torque_shows_the_weight_of_a_pendulum(tmp_path):
 
     angle, speed = solve_ivp(rates, (0.0, t[-1]), [0.1, 0.0], t_eval=t, rtol=1e-8, atol=1e-10).y
     noisy = angle + 1e-4 * np.random.default_rng(0).standard_normal(t.size)
-    data = written(tmp_path / "swing.csv", np.column_stack([t, torque, noisy, speed]), "t [s],M [Nm],phi [rad],w [rad/s]")
+    table = np.column_stack([t, torque, noisy, speed])
+    data = written(tmp_path / "swing.csv", table, "t [s],M [Nm],phi [rad],w [rad/s]")
     study = start_study([data], tmp_path / "study", machine="pendulum")
     model = model_of(study.path.parent / "model.py").build(compiled=False)
     values = {q.name: q.value for q in model.parameters}
