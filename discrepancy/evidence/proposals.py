@@ -99,6 +99,15 @@ class ScoredCandidate:
         return self.candidate.where
 
     @property
+    def at_one_shape(self) -> Candidate:
+        """The candidate with no shape but this one."""
+        k = self.candidate.shapes.index(self.shape)
+        one = slice(k, k + 1)
+        return replace(
+            self.candidate, shapes=self.candidate.shapes[one], sensitivities=self.candidate.sensitivities[one]
+        )
+
+    @property
     def entry(self) -> Entry:
         """Of the catalogue."""
         entry: Entry = self.candidate.info["entry"]
@@ -346,19 +355,25 @@ def _scorings_beside_leading(
 ) -> list[_Scoring]:
     """Return the scores under the noise that is left beside the best candidates.
 
-    One for each latent process of the noise: the candidate that explains best what the process does, if it explains
-    most of that, with the noise anew from the other processes, for what else the process did.  The last for the best
-    candidate of all, with the noise of the model as it is.
+    For each latent process of the noise the candidate is sought that explains best what the process does, each at the
+    shape that is best under the noise as it is.  The one that gains most of all, if it explains most of what its
+    process does, gets the noise anew from the other processes, for what else the process did.  The last scores are
+    those beside the best candidate of all, with the noise of the model as it is.
     """
     model, scorings = likelihood.noise.model, []
+    at_best_shapes = [c.at_one_shape for c in own.ranked]
+    instead: list[tuple[ScoredCandidate, NoiseModel]] = []
     for k, process in enumerate(model.processes):
         progress(f"what may stand in the place of what is random at {process.where}")
         rest = replace(model, processes=tuple(q for j, q in enumerate(model.processes) if j != k))
-        without = _Scoring.under(likelihood, rest, own.raw, own.noise)
+        without = _Scoring.under(likelihood, rest, at_best_shapes, own.noise)
         leading = without.leading
         if leading is not None and leading.gain > (1.0 - REGAINED) * without.offset:
-            beside = _noise_beside(likelihood, leading, rest, grow=True)
-            scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
+            instead.append((leading, rest))
+    if instead:
+        leading, rest = max(instead, key=lambda pair: pair[0].gain)
+        beside = _noise_beside(likelihood, leading, rest, grow=True)
+        scorings.append(_Scoring.under(likelihood, beside, own.raw, own.noise))
     leading = max((c for s in (own, *scorings) if (c := s.leading) is not None), key=lambda c: c.gain, default=None)
     if leading is not None:
         progress(f"the noise that is left beside {leading.name}")

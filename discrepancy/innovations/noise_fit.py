@@ -34,6 +34,9 @@ MOST_PROCESSES = 6
 #: forces, forces at a standstill, and errors of outputs, those that swing apart: the first to be found must not crowd
 #: out the others.
 PROMISING = 4
+#: Processes of which frequency and memory are fitted before the best of them is added: those that raised the likelihood
+#: most without.
+TUNED = 2
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
 #: Factors on the memory of a process that was added, and on its frequency, of which each is tried: those offered are a
@@ -412,8 +415,8 @@ def fit_noise(
         promising = [process for of_kind in kinds.values() for *_, process in of_kind[:PROMISING]]
         # the best of each kind is fitted: which of them it is, a thinned record may not tell
         best_of = [of_kind[0][1] for of_kind in kinds.values()]
-        climbed = [climb(trial, likelihood(trial)) for trial in best_of]
-        tuned = [_tuned(*t, likelihood, climb) for t in climbed if t[1] > best + PROMISES]
+        climbed = sorted((climb(trial, likelihood(trial)) for trial in best_of), key=lambda t: -t[1])
+        tuned = [_tuned(*t, likelihood, climb) for t in climbed[:TUNED] if t[1] > best + PROMISES]
         fitted, value = max(tuned, key=lambda t: t[1], default=(model, best))
         fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
         if value < best + WORTH:
