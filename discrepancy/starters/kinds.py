@@ -485,14 +485,18 @@ class Fall(Component):
                 imports=("TemperatureSource",),
                 lines=(
                     'air = model.add("surroundings", TemperatureSource())',
-                    'model.input("surroundings.temperature", air.temperature)',
+                    'body = model.add("body", HeatCapacity(capacity=5000.0, recorded_ambient=True))',
+                    'model.input("surroundings.temperature", air.temperature, body.surroundings)',
                 ),
             ),
             Drive(
                 what="the power of its heater, in surroundings at 20 °C",
                 inputs=(Place("heater.power", "W", ("heater", "heating", "power")),),
                 imports=("FixedTemperature",),
-                lines=('air = model.add("surroundings", FixedTemperature(temperature=293.15))',),
+                lines=(
+                    'air = model.add("surroundings", FixedTemperature(temperature=293.15))',
+                    'body = model.add("body", HeatCapacity(capacity=5000.0))',
+                ),
             ),
         ),
         outputs=(Place("body.temperature", "K", ("body", "water", "plate", "block", "inside", "oven", "tank")),),
@@ -500,7 +504,6 @@ class Fall(Component):
         imports=("HeatCapacity", "HeatSource", "ThermalConductance"),
         lines=(
             'heater = model.add("heater", HeatSource())',
-            'body = model.add("body", HeatCapacity(capacity=5000.0))',
             'wall = model.add("wall", ThermalConductance(conductance=5.0))',
             "model.connect(heater.port, body.port, wall.a)",
             "model.connect(wall.b, air.port)",
