@@ -1,8 +1,9 @@
-"""Check the built site: it needs no network, its links lead somewhere, its equations are set, and its search finds.
+"""Check the built site: it needs no network, links lead somewhere, equations are set, the search finds, pages fit.
 
-Usage: python .ci/check_site.py SITE
+Usage: python .ci/check_site.py SITE [PICTURES]
 
-The search is tried in Chromium, from the disk and over HTTP; without Chromium or playwright that is skipped and said.
+Chromium opens every page, as wide as a desk and as a telephone, and writes what it shows into the folder PICTURES where
+one is given; the search is tried from the disk and over HTTP.  Without Chromium or playwright that is skipped and said.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ CODE = re.compile(r"<(pre|script)\b.*?</\1>", re.DOTALL)
 
 #: What is typed, and a page that has to be among the answers.
 WORDS, WANTED = "stribeck", "physics/catalogue.html"
+#: Pixels: a desk and a telephone.
+WIDTHS = (1400, 400)
 PATIENCE = 60_000  # ms, for the index to be loaded on a busy computer
 
 
@@ -110,9 +113,42 @@ def search_faults(site: Path) -> list[str]:
     return found
 
 
+def walk_faults(site: Path, pictures: Path | None = None) -> list[str]:
+    """Where a page is wider than the screen, shows an image that is not there, or has a fault in its scripts."""
+    from playwright.sync_api import sync_playwright
+
+    found: list[str] = []
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        for width in WIDTHS:
+            page = browser.new_page(viewport={"width": width, "height": 900})
+            told: list[str] = []
+            page.on("pageerror", lambda error, told=told: told.append(f"fault in a script: {error}"))
+            for path in sorted(site.resolve().rglob("*.html")):
+                name = path.relative_to(site.resolve())
+                page.goto(path.as_uri())
+                wide = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+                if wide > 0:
+                    told.append(f"{wide} px wider than the screen")
+                told += page.evaluate(
+                    "[...document.images].filter(i => i.complete && !i.naturalWidth).map(i => `no image ${i.src}`)"
+                )
+                found += [f"{name} at {width} px: {text}" for text in told]
+                told.clear()
+                if pictures is not None:
+                    page.screenshot(
+                        path=pictures / f"{'-'.join(name.with_suffix('').parts)}-{width}.png", full_page=True
+                    )
+        browser.close()
+    return found
+
+
 def main() -> int:
     """Print what was found; 1 if anything was, or if there is no site."""
     site = Path(sys.argv[1])
+    pictures = Path(sys.argv[2]) if len(sys.argv) > 2 else None
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
     pages = list(site.rglob("*.html"))
     if not pages:
         print(f"{site}: no pages; build the site first (python -m docs.generate && python -m zensical build --strict)")
@@ -121,12 +157,12 @@ def main() -> int:
     try:
         import playwright  # noqa: F401
     except ModuleNotFoundError:
-        print("skipped: the search, which needs playwright (pip install playwright)")
+        print("skipped: the search and how pages look, which need playwright (pip install playwright)")
     else:
         if chromium() is None:
-            print("skipped: the search, which needs Chromium (Debian: apt-get install chromium)")
+            print("skipped: the search and how pages look, which need Chromium (Debian: apt-get install chromium)")
         else:
-            found += search_faults(site)
+            found += search_faults(site) + walk_faults(site, pictures)
     for line in found:
         print(line)
     print(f"{len(pages)} pages, {len(found)} faults")

@@ -124,7 +124,7 @@ def oven(rng: np.random.Generator) -> dict[str, Array]:
 
     def rates(now: float, x: Array) -> list[float]:
         outside = np.interp(now, t, air)
-        lost = 1.5 * (x[0] - outside) + 2.5e-9 * (x[0] ** 4 - 293.15**4)
+        lost = 1.5 * (x[0] - outside) + 2.5e-9 * (x[0] ** 4 - outside**4)
         return [(np.interp(now, t, power) - lost) / 3500.0]
 
     (inside,) = simulate(rates, [330.0], t)

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from discrepancy.effects.kinds import Kind, kinds
+from discrepancy.effects.signal_errors import SignalLag
 from multibody.declare.declarations import Output
 from multibody.model.driving_signals import driving_signals
 
@@ -77,7 +78,9 @@ def catalogue(
         Shell patterns over ``kind`` or ``kind@where``.
     """
     entries: list[Entry] = []
-    controlled = [s for s in driving_signals(system.model) if f"probe.{s}" in system.input_names]
+    controlled = [
+        s for s in driving_signals(system.model) if f"probe.{s}" in system.input_names and not _late(s, system)
+    ]
     for kind in kinds().values():
         if kind.free_form:
             continue  # offered by `discrepancy.sensitivities.free_curve_scan` where no law is good enough
@@ -92,6 +95,11 @@ def catalogue(
         else:
             entries += [Entry(kind, name) for name in inputs]
     return [e for e in entries if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
+
+
+def _late(signal: str, system: System) -> bool:
+    """Tell whether a signal comes from a lag that an effect has put in: its place goes when that effect goes."""
+    return isinstance(system.model.components.get(signal.rpartition(".")[0]), SignalLag)
 
 
 def _built_in(kind: Kind, system: System) -> list[Entry]:

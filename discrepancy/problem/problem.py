@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from discrepancy.problem.candidate_patterns import check_patterns
+from discrepancy.problem.clocks import found_offsets, with_margin
 from discrepancy.problem.held_out import held_out_content
 from discrepancy.problem.start_states import at_rest, starts_of_record
-from discrepancy.problem.study_file import StudyError, StudyFile, read_study
+from discrepancy.problem.study_file import StudyError, StudyFile, StudyRecords, read_study
 from discrepancy.problem.tables import MOST_ROWS
 from estimation.files.record import Record
 from estimation.fit.calibrate import UncertainParameter
@@ -176,21 +177,13 @@ def read_problem(
     faults, doubts = held_out_content(records.identify, records.validate, tuple(study.outputs))
     if faults:
         raise StudyError([f"{study.path.name}, {text}" for text in faults])
-    common: dict[str, Any] = {
-        "inputs": tuple(study.inputs),
-        "outputs": tuple(study.outputs),
-        "preparation": study.preparation,
-        "offsets": study.offsets.outputs,
-        "held": tuple(n for n, column in study.inputs.items() if column.interpolation == "hold"),
-    }
     uncertain = _uncertain(study, system)
-    identify, validate = (
-        tuple(
-            replace(e, clocks=study.clock_groups(e.record))
-            for e in _with_starts(study, system, uncertain, make_experiments(model, part, **common))
-        )
-        for part in (records.identify, records.validate)
-    )
+    identify, validate = _experiments(study, model, system, uncertain, records)
+    p = system.parameter_vector({q.name: q.value for q in uncertain})
+    if offsets := found_offsets((*identify, *validate), system, p):  # the parts then have other times in common
+        records = study.read_records({**units["inputs"], **units["outputs"]}, offsets)
+        identify, validate = _experiments(study, model, system, uncertain, records, offsets)
+    identify, validate = (with_margin(part, (*identify, *validate)) for part in (identify, validate))
     if study.study.search == "evidence" and any(e.at_own_instants for e in (*identify, *validate)):
         raise StudyError(
             [
@@ -222,6 +215,32 @@ def read_problem(
         search=study.study.search,
         most_rows=study.study.most_rows,
     )
+
+
+def _experiments(
+    study: StudyFile,
+    model: Model,
+    system: System,
+    uncertain: Sequence[UncertainParameter],
+    records: StudyRecords,
+    offsets: Mapping[str, Mapping[str, float]] | None = None,
+) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    """Return the experiments for fitting and those held out, with their start values and clocks."""
+    common: dict[str, Any] = {
+        "inputs": tuple(study.inputs),
+        "outputs": tuple(study.outputs),
+        "preparation": study.preparation,
+        "offsets": study.offsets.outputs,
+        "held": tuple(n for n, column in study.inputs.items() if column.interpolation == "hold"),
+    }
+    identify, validate = (
+        tuple(
+            replace(e, clocks=study.fitted_clocks(e.record, offsets))
+            for e in _with_starts(study, system, uncertain, make_experiments(model, part, **common))
+        )
+        for part in (records.identify, records.validate)
+    )
+    return identify, validate
 
 
 def _not_of_stepped_units(study: StudyTable) -> list[str]:

@@ -28,6 +28,7 @@ from discrepancy.problem.tables import (
     flatten,
     read_struct,
 )
+from estimation.response.experiment import FittedClock
 from estimation.signals.preparation import Preparation, SignalError
 from multibody.base.missing_file import why_no_file
 from multibody.base.spelling import nearest_or_choices
@@ -160,15 +161,24 @@ class StudyFile:
             time_zone=table.time_zone,
         )
 
-    def clock_groups(self, record: Record) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Return the loggers of a record whose clocks are fitted, each with its outputs.
+    def fitted_clocks(
+        self, record: Record, offsets: Mapping[str, Mapping[str, float]] | None = None
+    ) -> tuple[FittedClock, ...]:
+        """Return the loggers of a record whose clocks are fitted.
+
+        Parameters
+        ----------
+        record : Record
+        offsets : mapping, optional
+            What was given to `read_records`.
 
         Raises
         ------
         StudyError
             If inputs come from such a logger: its clock is then the one that the others are compared with.
         """
-        groups, faults = [], []
+        besides = (offsets or {}).get(record.name, {})
+        clocks, faults = [], []
         for pattern, clock in self.clocks.items():
             mine = [n for n, s in record.signals.items() if clock.fit and fnmatch(s.file, pattern)]
             if driving := [n for n in mine if n in self.inputs]:
@@ -177,18 +187,22 @@ class StudyFile:
                     "fit the clock of the others"
                 )
             elif mine:
-                groups.append((pattern, tuple(mine)))
+                clocks.append(FittedClock(pattern, tuple(mine), clock.offset + besides.get(pattern, 0.0)))
         if faults:
             raise StudyError(faults)
-        return tuple(groups)
+        return tuple(clocks)
 
-    def read_records(self, units: Mapping[str, str] | None = None) -> StudyRecords:
+    def read_records(
+        self, units: Mapping[str, str] | None = None, offsets: Mapping[str, Mapping[str, float]] | None = None
+    ) -> StudyRecords:
         """Read all recordings; one error lists the faults of all files.
 
         Parameters
         ----------
         units : mapping of str to str, optional
             Model input or output to its SI unit.  A column that measures something else is refused.
+        offsets : mapping of str to mapping of str to float, optional, s
+            Name of a record to what is added to the time of its loggers besides `clocks`, by pattern.
 
         Raises
         ------
@@ -212,6 +226,7 @@ class StudyFile:
             driven={name: each.interpolation for name, each in self.inputs.items()},
             files={name: each.file for name, each in signals.items()},
             clocks={pattern: clock.offset for pattern, clock in self.clocks.items()},
+            record_clocks=offsets,
         )
         held_out = set(self.validate)
         return StudyRecords(

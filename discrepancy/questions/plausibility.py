@@ -76,6 +76,23 @@ class _Notes:
     facts: list[str] = field(default_factory=list)
 
 
+def _constant_surroundings(problem: Problem, system: System) -> list[str]:
+    """Return which parts lose heat to surroundings of constant temperature, where a temperature drives the model."""
+    from multibody.library.thermal import WarmBody
+
+    driving = [q.name for q in system.inputs if q.unit == "K" and q.name in problem.identify[0].inputs]
+    parts = problem.model.components
+    constant = {n: c for n, c in parts.items() if isinstance(c, WarmBody) and not c.options["recorded_ambient"]}
+    if not driving:
+        return []
+    recorded = ", ".join(map(repr, driving))
+    return [
+        f"heat lost at '{name}' goes to {part.values['ambient']} K, though {recorded} is recorded: if these are its "
+        "surroundings, give the part recorded_ambient=True and connect its input 'surroundings'"
+        for name, part in constant.items()
+    ]
+
+
 def check_problem(problem: Problem, excitation: bool = True) -> Check:
     """Check whether the model and the records of a study fit each other.
 
@@ -131,6 +148,12 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
     free = dict.fromkeys(name for e in problem.identify for name in e.free)
     if free:
         notes.facts.append(f"estimated for each record: the start of {', '.join(free)}")
+    notes.facts += _constant_surroundings(problem, system)
+    notes.facts += [
+        f"'{e.name}': {clock.added:.4g} s are added to the time of '{clock.files}'; what is left is fitted"
+        for e in problem.identify
+        for clock in e.clocks
+    ]
     return Check(
         faults=tuple(notes.faults),
         warnings=tuple(dict.fromkeys(notes.warnings)),

@@ -32,7 +32,13 @@ def records(conclusion: Conclusion) -> list[Entry]:
         for fit in conclusion.final.fits(part):
             e = fit.experiment
             done = [*e.record.log, *e.preparation.describe(float(e.record.rate))]
-            own = [f"{name} fitted for this record: {value:.4g}" for name, value in fit.own.items()]
+            added = {c.name: c.added for c in e.clocks}
+            own = [
+                f"{name}: {added[name] + value:.4g} s are added to its time, fitted for this record"
+                if name in added
+                else f"{name} fitted for this record: {value:.4g}"
+                for name, value in fit.own.items()
+            ]
             entries.append(
                 {
                     "name": e.name,

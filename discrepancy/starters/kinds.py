@@ -68,6 +68,8 @@ class Drive:
         Of the function ``build``; they define ``motor``, whose flange drives the machine.
     last : tuple of str
         Lines that come after those of the parts.
+    fixed : str
+        What the model states that a record of this way of driving cannot show, to be put right by hand.
     commanded : bool
         Whether the column must be a reference and not a measurement, where there is another way.
     """
@@ -79,6 +81,7 @@ class Drive:
     imports: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
     last: tuple[str, ...] = ()
+    fixed: str = ""
     commanded: bool = False
 
 
@@ -339,11 +342,17 @@ _KINDS = (
             Drive(
                 what="a torque at its pivot",
                 inputs=TORQUE.inputs,
+                unknown=(Unknown("rod.m"),),  # gravity's torque is weighed against the motor's
                 imports=TORQUE.imports,
                 lines=TORQUE.lines,
                 last=("model.connect(motor.flange, rod.flange, pivot.b)",),
+                fixed="rod.arm (0.1 m): only its product with rod.m acts",
             ),
-            Drive(what="nothing", last=("model.connect(rod.flange, pivot.b)",)),
+            Drive(
+                what="nothing",
+                last=("model.connect(rod.flange, pivot.b)",),
+                fixed="rod.m and rod.arm (0.5 kg at 0.1 m): the period shows rod.J only by their product",
+            ),
         ),
         outputs=(
             Place("rod.angle", "rad", ("rod", "pendulum", "arm", "swing")),
@@ -356,7 +365,6 @@ _KINDS = (
             'pivot = model.add("pivot", RotaryViscousFriction(viscous=1e-3))',
             "model.connect(pivot.a, model.ground)",
         ),
-        fixed="rod.m and rod.arm (0.5 kg at 0.1 m): the period shows rod.J only by their product",
     ),
     MachineKind(
         name="mass-spring",
@@ -477,14 +485,18 @@ class Fall(Component):
                 imports=("TemperatureSource",),
                 lines=(
                     'air = model.add("surroundings", TemperatureSource())',
-                    'model.input("surroundings.temperature", air.temperature)',
+                    'body = model.add("body", HeatCapacity(capacity=5000.0, recorded_ambient=True))',
+                    'model.input("surroundings.temperature", air.temperature, body.surroundings)',
                 ),
             ),
             Drive(
                 what="the power of its heater, in surroundings at 20 °C",
                 inputs=(Place("heater.power", "W", ("heater", "heating", "power")),),
                 imports=("FixedTemperature",),
-                lines=('air = model.add("surroundings", FixedTemperature(temperature=293.15))',),
+                lines=(
+                    'air = model.add("surroundings", FixedTemperature(temperature=293.15))',
+                    'body = model.add("body", HeatCapacity(capacity=5000.0))',
+                ),
             ),
         ),
         outputs=(Place("body.temperature", "K", ("body", "water", "plate", "block", "inside", "oven", "tank")),),
@@ -492,7 +504,6 @@ class Fall(Component):
         imports=("HeatCapacity", "HeatSource", "ThermalConductance"),
         lines=(
             'heater = model.add("heater", HeatSource())',
-            'body = model.add("body", HeatCapacity(capacity=5000.0))',
             'wall = model.add("wall", ThermalConductance(conductance=5.0))',
             "model.connect(heater.port, body.port, wall.a)",
             "model.connect(wall.b, air.port)",

@@ -295,8 +295,9 @@ def _drafted(
     )
     draft.assumed.append(f"it is driven by {drive.what}")
     draft.tell_columns()
-    if kind.fixed:
-        draft.assumed.append(f"a typical value was taken, put yours into model.py: {kind.fixed}")
+    draft.assumed += [
+        f"a typical value was taken, put yours into model.py: {fixed}" for fixed in (drive.fixed, kind.fixed) if fixed
+    ]
     return draft
 
 

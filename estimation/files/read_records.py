@@ -76,6 +76,7 @@ def read_records(
     driven: Mapping[str, str] | None = None,
     files: Mapping[str, str] | None = None,
     clocks: Mapping[str, float] | None = None,
+    record_clocks: Mapping[str, Mapping[str, float]] | None = None,
 ) -> tuple[Record, ...]:
     """Read files into records; one error lists all faults of all files.
 
@@ -111,6 +112,8 @@ def read_records(
         a column of that name.
     clocks : mapping of str to float, optional, s
         Pattern of file names to what is added to their time.
+    record_clocks : mapping of str to mapping of str to float, optional, s
+        Name of a record to what is added besides in this record alone, for patterns of ``clocks``.
 
     Returns
     -------
@@ -134,6 +137,7 @@ def read_records(
         driven=driven or {},
         files=files or {},
         clocks=clocks or {},
+        record_clocks=record_clocks or {},
     )
     records: list[Record] = []
     faults: list[str] = []
@@ -165,6 +169,7 @@ class _Reading:
     driven: Mapping[str, str]
     files: Mapping[str, str]
     clocks: Mapping[str, float]
+    record_clocks: Mapping[str, Mapping[str, float]]
 
     def records(self, source: Sequence[Path], label: str) -> list[Record]:
         """Return the records of one source: a file, or the files of several loggers."""
@@ -186,11 +191,10 @@ class _Reading:
                 driven=self.driven,
             )
             parts.append(made)
-        offsets = {p.name: o for p in source for pattern, o in self.clocks.items() if fnmatch(p.name, pattern)}
         if not several:
             uneven = [grid_deviation(r.time) > GRID_TOLERANCE for r in parts[0]]
             return [
-                combine([r], r.name, self.driven, offsets) if bad else r
+                combine([r], r.name, self.driven, self._offsets(source, r.name)) if bad else r
                 for r, bad in zip(parts[0], uneven, strict=True)
             ]
         if len({tuple(r.name for r in made) for made in parts}) > 1:
@@ -201,7 +205,20 @@ class _Reading:
             raise RecordError(
                 [f"{label}: its parts are cut into different numbers of records: {listed}: cut the files themselves"]
             )
-        return [combine(same, same[0].name, self.driven, offsets) for same in zip(*parts, strict=True)]
+        return [
+            combine(same, same[0].name, self.driven, self._offsets(source, same[0].name))
+            for same in zip(*parts, strict=True)
+        ]
+
+    def _offsets(self, source: Sequence[Path], record: str) -> dict[str, float]:
+        """Return what is added to the time of each file of a record."""
+        besides = self.record_clocks.get(record, {})
+        return {
+            p.name: offset + besides.get(pattern, 0.0)
+            for p in source
+            for pattern, offset in self.clocks.items()
+            if fnmatch(p.name, pattern)
+        }
 
     def _tables(self, source: Sequence[Path]) -> list[tuple[FileTable, str, dict[str, str]]]:
         """Return the table of each time base of a source, its time column, and its signals."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from multibody.machine.model import System
     from multibody.solvers.problem import Directions
 
-__all__ = ["Experiment", "Response"]
+__all__ = ["Experiment", "FittedClock", "Response"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
 KEPT_BYTES = 1 << 25  # state-transition matrices larger than this do not survive `Experiment.trim_cache`
@@ -67,6 +67,30 @@ class _Cache:
     perturbation_response: tuple[System, np.ndarray, np.ndarray, PerturbationResponse] | None = None
 
 
+@dataclass(frozen=True)
+class FittedClock:
+    """A logger whose clock may differ by a constant from that of the inputs.
+
+    Parameters
+    ----------
+    files : str
+        Pattern of its file names.
+    outputs : tuple of str
+        What it measured.
+    added : float, s
+        What has been added to its time already; a fit estimates what is left.
+    """
+
+    files: str
+    outputs: tuple[str, ...]
+    added: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Name of what is left of the offset among a record's own unknowns."""
+        return f"clock of {self.files}"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment:
     """One record, how it drives a machine, and which outputs it measured.
@@ -85,8 +109,8 @@ class Experiment:
         States whose start value is estimated from this record.
     offsets : tuple of str
         Outputs whose sensor may have an offset of its own in this record.
-    clocks : tuple of (str, tuple of str)
-        Loggers whose clock may differ by a constant from that of the inputs in this record, each with its outputs.
+    clocks : tuple of FittedClock
+        Loggers whose clock may differ by a constant from that of the inputs in this record.
     rtol : float
         Relative tolerance of the integration.
     held : tuple of str
@@ -107,7 +131,7 @@ class Experiment:
     start: Mapping[str, float | Literal["measured"]] = field(default_factory=dict)
     free: tuple[str, ...] = ()
     offsets: tuple[str, ...] = ()
-    clocks: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    clocks: tuple[FittedClock, ...] = ()
     rtol: float = 1e-6
     held: tuple[str, ...] = ()
     input_noise: Mapping[str, float] = field(default_factory=dict)
@@ -349,7 +373,7 @@ class Experiment:
     def own_unknowns(self) -> tuple[str, ...]:
         """Names of what is estimated from this record alone: start values, offsets of sensors and of clocks."""
         offsets = (f"offset of {n}" for n in self.offsets)
-        return (*self.free, *offsets, *(f"clock of {n}" for n, _ in self.clocks))
+        return (*self.free, *offsets, *(c.name for c in self.clocks))
 
     @property
     def at_own_instants(self) -> bool:
@@ -389,7 +413,7 @@ class Experiment:
         for name in self.free:
             if name in own:
                 x0[system.index("state", name)] = own[name]
-        late = {f"sensor.{o}.delay": own.get(f"clock of {n}", 0.0) for n, outputs in self.clocks for o in outputs}
+        late = {f"sensor.{o}.delay": -own.get(c.name, 0.0) for c in self.clocks for o in c.outputs}
         given = {s.name: s for s in sensors}
         for name, value in late.items():
             before = given[name].value if name in given else 0.0
@@ -415,9 +439,9 @@ class Experiment:
             one = np.zeros((*dy.shape[:2], 1))
             one[:, self.outputs.index(name)] = 1.0
             blocks.append(one)
-        for _, of in self.clocks:
-            shifted = [dy[:, :, asked.index(f"sensor.{o}.delay"), None] for o in of]
-            blocks.append(np.sum(shifted, axis=0))
+        for clock in self.clocks:
+            shifted = [dy[:, :, asked.index(f"sensor.{o}.delay"), None] for o in clock.outputs]
+            blocks.append(-np.sum(shifted, axis=0))
         return Response(outputs, np.concatenate(blocks, axis=2), response.evaluations)
 
     # ---------------------------------------------------------------- state-transition matrices, kept

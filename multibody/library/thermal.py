@@ -7,7 +7,7 @@ surroundings are a `FixedTemperature`, not ``model.ground``, whose temperature i
 from __future__ import annotations
 
 from multibody.declare.component import Component
-from multibody.declare.declarations import Energy, HeatPort, Input, Output, Parameter, Power, State
+from multibody.declare.declarations import Energy, HeatPort, Input, Option, Output, Parameter, Power, State
 from multibody.library.laws import radiated
 
 __all__ = [
@@ -27,11 +27,15 @@ class WarmBody(Component):
     """What parts with a surface share: heat lost to the surroundings, zero unless it is given.
 
     lost = loss_conductance · (T − ambient) + radiation · (T⁴ − ambient⁴)
+
+    With ``recorded_ambient`` the temperature of the surroundings is the input ``surroundings`` in place of ``ambient``.
     """
 
     loss_conductance = Parameter(0.0, "W/K", "heat lost to the surroundings per temperature", min=0.0)
     radiation = Parameter(0.0, "W/K**4", "radiation: emissivity · 5.67e-8 W/(m² K⁴) · surface", min=0.0)
+    recorded_ambient = Option(False, "whether the temperature of the surroundings is a signal")
     ambient = Parameter(293.15, "K", "temperature of the surroundings", min=0.0)
+    surroundings = Input("K", "temperature of the surroundings", when="recorded_ambient")
     lost = Power(kind="loss", meaning="heat lost to the surroundings")
 
 
@@ -45,8 +49,9 @@ class HeatCapacity(WarmBody):
 
     def equations(self):
         self.port.temperature = self.temperature
-        self.lost = self.loss_conductance * (self.temperature - self.ambient) + radiated(
-            self.temperature, self.ambient, self.radiation
+        around = self.surroundings if self.recorded_ambient else self.ambient
+        self.lost = self.loss_conductance * (self.temperature - around) + radiated(
+            self.temperature, around, self.radiation
         )
         self.der.temperature = (-self.port.reaction - self.lost) / self.capacity
         self.energy = self.capacity * self.temperature

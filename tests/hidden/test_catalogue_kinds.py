@@ -305,6 +305,15 @@ def at_place(machine: Machine, kind: str, where: str, strengths: dict[str, float
     return Effect.at_place(kind, entry.place, strengths=strengths, shape=shape, load=entry.load)
 
 
+def test_what_an_effect_has_put_in_is_no_place_for_another():
+    """It goes with that effect, and the model without it would have an effect at nothing."""
+    effect = at_place(MOUNT, "input_lag", "force", {"lag": 8e-3}, filter=8e-3)
+    model = effect.added_to(MOUNT.model())
+    entries = catalogue(model.build(probes=True), list(MOUNT.noise), list(MOUNT.drive))
+    assert effect.component_name in model.components
+    assert [e.name for e in entries if effect.component_name in e.where] == []
+
+
 CASES = [
     (SLIDE, "friction_drift", "guide", {"rate": 0.2}, {"v_s": 2e-3}),
     (SLIDE, "viscous_drift", "guide", {"rate": -0.8}, {}),

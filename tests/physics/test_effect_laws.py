@@ -226,3 +226,24 @@ def test_a_body_cools_as_newton_says_and_radiates_nothing_between_equals():
     assert radiated(300.0, 300.0, 1e-9) == 0.0
     assert radiated(400.0, 300.0, 1e-9) == pytest.approx(1e-9 * (400.0**4 - 300.0**4))
     assert radiated(300.0, 400.0, 1e-9) == -radiated(400.0, 300.0, 1e-9)
+
+
+def test_a_body_follows_recorded_surroundings_that_swing():
+    """C·dT/dt = −G·(T − T_u) with T_u = T_0 + A·sin(ωt), at rest in the mean: after long the swing of a low-pass."""
+    loss, capacity, swing, omega = 0.5, 50.0, 7.0, 0.02
+    model = Model("body")
+    body = model.add(
+        "body",
+        lib.HeatCapacity(capacity=capacity, temperature=293.15, loss_conductance=loss, recorded_ambient=True),
+    )
+    model.connect(body.port, model.add("none", lib.HeatSource()).port)
+    model.input("heat", "none.heat", default=0.0)
+    model.input("hall", body.surroundings)
+    t = np.linspace(0.0, 1500.0, 30_001)
+    hall = 293.15 + swing * np.sin(omega * t)
+    run = model.build().simulate((0.0, float(t[-1])), inputs={"hall": (t, hall)}, times=t, **TIGHT)
+    late = t > 1200.0  # twelve time constants: 6e-6 of the transient are left
+    phase = omega * capacity / loss
+    expected = 293.15 + swing * (np.sin(omega * t) - phase * np.cos(omega * t)) / (1.0 + phase**2)
+    # straight lines between samples cut (ω·step)²/12 = 8e-8 off the sine, the transient adds 2e-5 K
+    assert run["body.temperature"][late] == pytest.approx(expected[late], abs=1e-4)

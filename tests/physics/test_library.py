@@ -309,14 +309,16 @@ def fluid(m):
 def thermal(m):
     """A heated body between surroundings, a surface that radiates, and a bath of given temperature."""
     body = m.add("w.body", library.HeatCapacity(capacity=5.0, temperature=310.0, loss_conductance=0.2, radiation=1e-9))
-    skin = m.add("w.skin", library.HeatCapacity(capacity=2.0, temperature=300.0))
+    skin = m.add(
+        "w.skin", library.HeatCapacity(capacity=2.0, temperature=300.0, loss_conductance=0.1, recorded_ambient=True)
+    )
     heater = m.add("w.heater", library.HeatSource())
     m.connect(m.add("w.power", library.Sine(unit="W", amplitude=20.0, frequency=1.0)).output, heater.heat)
     hall = m.add("w.hall", library.FixedTemperature())
     bath = m.add("w.bath", library.TemperatureSource())
     record = m.add("w.record", library.RecordedTemperature())
     m.connect(m.add("w.level", library.Constant(unit="K", value=285.0)).output, record.recorded)
-    m.connect(record.temperature, bath.temperature)
+    m.connect(record.temperature, bath.temperature, skin.surroundings)
     m.connect(heater.port, body.port, m.add("w.gauge", library.TemperatureSensor()).port)
     for name, part, a, b in (
         ("outer", library.ThermalConductance(conductance=2.5), None, skin.port),  # a node without capacity before it

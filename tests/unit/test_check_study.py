@@ -123,3 +123,37 @@ def test_a_parameter_that_nothing_excites_is_told(tmp_path, motion):
     assert any("'spring2.stiffness': these records cannot show it" in text for text in found.warnings)
     assert not any("'spring1.stiffness'" in text for text in found.warnings)
     assert any("input 'push2' is constant" in text for text in found.warnings)
+
+
+OVEN = """
+from multibody import Model
+from multibody.library import HeatCapacity, HeatSource, TemperatureSource, ThermalConductance
+
+
+def build(recorded: bool = False):
+    model = Model("oven")
+    heater, air = model.add("heater", HeatSource()), model.add("air", TemperatureSource())
+    body = model.add("body", HeatCapacity(capacity=500.0, recorded_ambient=recorded))
+    wall = model.add("wall", ThermalConductance(conductance=2.0))
+    model.connect(heater.port, body.port, wall.a)
+    model.connect(wall.b, air.port)
+    model.input("heater", heater.heat)
+    model.input("hall", air.temperature, *([body.surroundings] if recorded else []))
+    return model
+"""
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_recorded_hall_that_no_heat_is_lost_to_is_told(tmp_path, recorded):
+    t = np.arange(200) * 5.0
+    table = np.column_stack([t, 100.0 + 50.0 * np.sin(t / 90.0), 290.0 + np.sin(t / 200.0), 320.0 + np.sin(t / 90.0)])
+    np.savetxt(tmp_path / "run.csv", table, "%.6f", ",", header="t [s],P [W],hall [K],body [K]", comments="")
+    (tmp_path / "oven.py").write_text(OVEN)
+    (tmp_path / "study.toml").write_text(
+        f'[model]\nbuild = "oven.py:build"\narguments = {{ recorded = {str(recorded).lower()} }}\n'
+        '[inputs]\nheater = "P [W]"\nhall = "hall [K]"\n[outputs]\n"body.temperature" = "body [K]"\n'
+        '[records]\ntime = "t [s]"\nidentify = ["run.csv"]\n'
+    )
+    facts = check_problem(read_problem(tmp_path / "study.toml")).facts
+    told = [text for text in facts if "heat lost at 'body' goes to 293.15 K, though 'hall' is recorded" in text]
+    assert len(told) == (0 if recorded else 1)

@@ -92,6 +92,21 @@ def test_the_check_finds_dead_links_and_what_comes_from_elsewhere(check_site, tm
         assert named in found
 
 
+def test_the_walk_finds_what_does_not_fit(check_site, tmp_path):
+    pytest.importorskip("playwright")
+    if check_site.chromium() is None:
+        pytest.skip("needs Chromium")
+    (tmp_path / "wide.html").write_text('<div style="width: 900px">wide</div>')
+    (tmp_path / "gone.html").write_text('<img src="gone.png"><script>nothing.there</script>')
+    (tmp_path / "good.html").write_text("<p>good</p>")
+    found = check_site.walk_faults(tmp_path, tmp_path)
+    assert len([line for line in found if "wider than the screen" in line and "wide.html at 400 px" in line]) == 1
+    assert len([line for line in found if "no image" in line]) == len(check_site.WIDTHS)
+    assert len([line for line in found if "fault in a script" in line]) == len(check_site.WIDTHS)
+    assert len(found) == 1 + 2 * len(check_site.WIDTHS)
+    assert (tmp_path / "good-400.png").stat().st_size > 0
+
+
 @pytest.mark.parametrize("name", SUMMARIES)
 def test_the_short_tables_are_those_of_the_measurements(name):
     assert (ROOT / "docs" / name).read_text(encoding="utf-8") == with_summary(name), "python -m docs._site.summaries"

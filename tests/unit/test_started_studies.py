@@ -123,6 +123,28 @@ def test_sizes_are_found_from_the_record(started):
     assert values["spring.damping"] == pytest.approx(6.0, rel=1e-2)
 
 
+def test_a_torque_shows_the_weight_of_a_pendulum(tmp_path):
+    """A typical mass would be taken for a wrong gain of the torque."""
+    from scipy.integrate import solve_ivp
+
+    t = np.arange(0.0, 8.0, 0.01)
+    torque = 1.2 * np.sin(1.3 * t + 0.2 * t**2)
+
+    def rates(now, x):
+        return [x[1], (np.interp(now, t, torque) - 1.2 * 9.81 * 0.25 * np.sin(x[0]) - 0.05 * x[1]) / 0.1]
+
+    angle, speed = solve_ivp(rates, (0.0, t[-1]), [0.1, 0.0], t_eval=t, rtol=1e-8, atol=1e-10).y
+    noisy = angle + 1e-4 * np.random.default_rng(0).standard_normal(t.size)
+    table = np.column_stack([t, torque, noisy, speed])
+    data = written(tmp_path / "swing.csv", table, "t [s],M [Nm],phi [rad],w [rad/s]")
+    study = start_study([data], tmp_path / "study", machine="pendulum")
+    model = model_of(study.path.parent / "model.py").build(compiled=False)
+    values = {q.name: q.value for q in model.parameters}
+    # four digits are written; the noise allows parts in 10 000
+    assert values["rod.m"] * values["rod.arm"] == pytest.approx(1.2 * 0.25, rel=2e-3)
+    assert values["rod.J"] == pytest.approx(0.1, rel=2e-3)
+
+
 def test_a_started_study_runs_at_once_and_holds_a_third_out(started):
     problem = read_problem(started.path)
     assert [len(e.record.time) for e in (*problem.identify, *problem.validate)] == [1000, 500]
