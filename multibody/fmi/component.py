@@ -9,6 +9,7 @@ from typing import Any
 
 from multibody.assembly.equation_set import Assembly, Quantity
 from multibody.base.spelling import nearest
+from multibody.compile.hosts import ASKS
 from multibody.declare.component import Component
 from multibody.declare.declarations import (
     Declaration,
@@ -20,6 +21,7 @@ from multibody.declare.declarations import (
     Translation,
 )
 from multibody.equations.statements import variable
+from multibody.fmi.answering import OUTPUTS, RATES, SLOPES, VERSION
 from multibody.fmi.communication import given_name, heard_name, stepped_run
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign import start_states
@@ -42,8 +44,8 @@ class Fmu(Component):
     Its states, inputs, parameters and outputs are those of the unit, in SI, under their own names with an underscore in
     the place of every other character: ``body.x[1]`` is ``body_x_1``.  An input that nothing drives keeps its start
     value.  A state that its description gives no start value starts where the unit's own initialization puts it, with
-    the parameters of the description.  The unit runs in a process of its own; the equations of a model that has one are
-    evaluated by Python.
+    the parameters of the description.  The unit runs in a process of its own, which compiles the equations around
+    it and integrates them; evaluated elsewhere, one after another, they are plain Python.
 
     Parameters
     ----------
@@ -116,7 +118,7 @@ class Fmu(Component):
         if unit.stepped:
             self._step(owner, work, unit, used)
             return
-        for k, (on, members) in enumerate(_groups(unit).items()):
+        for k, (wanted, on, members) in enumerate(_groups(unit)):
             results = [
                 variable(owner, "_der", unit.states[i].own)
                 if i < len(unit.states)
@@ -125,7 +127,7 @@ class Fmu(Component):
             ]
             kernel = f"k_fmu_{owner.replace('.', '_')}_{k}"
             kernels: dict[str, Any] = work.kernels
-            kernels[kernel] = _Asks(unit, members)
+            kernels[kernel] = _Asks(unit, members, wanted)
             given = [
                 repr(v.start) if v in unit.inputs and v.reference not in on else used[v.own]
                 for v in (*unit.states, *unit.inputs, *unit.parameters)
@@ -174,28 +176,37 @@ def sensitivity_sources(components: Mapping[str, Component]) -> dict[str, str]:
 class _Asks:
     """A function for equations that brings its own text and that of its tangent (`called_functions.kernel_sources`)."""
 
-    def __init__(self, unit: ForeignUnit, members: tuple[int, ...]) -> None:
+    def __init__(self, unit: ForeignUnit, members: tuple[int, ...], wanted: int) -> None:
         names = [f"a{k}" for k in range(len(unit.states) + len(unit.inputs) + len(unit.parameters))]
-        self.returned = len(members)
-        first = f"{str(unit.path)!r}, {unit.digest!r}, {members!r}, t, {_tuple(names)}"
         dots = [f"{n}_dot" for n in names]
-        one = "[0]" if self.returned == 1 else ""
-        module = "multibody.fmi.foreign"
-        self._plain = (
-            f"({', '.join(['t', *names])}):\n    from {module} import evaluate\n    return evaluate({first}){one}\n"
-        )
-        self._tangent = (
-            f"({', '.join(['t', *names, 't_dot', *dots])}):\n    from {module} import tangent\n"
-            f"    return tangent({first}, {_tuple(dots)})\n"
-        )
+        self.returned, count = len(members), len(unit.states) + len(unit.outputs)
+        self._file = f"({str(unit.path)!r}, {unit.digest!r})"
+        results = [f"values[{k}]" for k in members]
+        slopes = [f"values[{count + k}]" for k in members]
+        plain, both = ["t", *names], ["t", *names, *dots]
+        self._plain = _question(plain, plain, wanted, count, results)
+        self._tangent = _question(["t", *names, "t_dot", *dots], both, wanted + SLOPES, 2 * count, results + slopes)
 
     def text(self, name: str) -> str:
         """Return the text of the function under a name."""
-        return f"def {name}{self._plain}"
+        of_unit = f"{name}_key = key_of{self._file}\n{name}_host = host_of{self._file}\n"
+        return f"import numpy as np\n{ASKS}# {VERSION}\n{of_unit}def {name}{self._plain.format(name)}"
 
     def tangent_text(self, name: str) -> str:
         """Return the text of its tangent under a name."""
-        return f"def {name}{self._tangent}"
+        return f"def {name}{self._tangent.format(name.removesuffix('_tangent'))}"
+
+
+def _question(arguments: list[str], given: list[str], wanted: int, count: int, results: list[str]) -> str:
+    """Return a function without its name that asks a unit; ``{0}`` stands for the name of its key."""
+    lines = [
+        f"given = np.empty({len(given)})",
+        *(f"given[{k}] = {name}" for k, name in enumerate(given)),
+        f"values = np.empty({count})",
+        f"ask({{0}}_key, {wanted}, given, values)",
+        f"return {', '.join(results)}",
+    ]
+    return f"({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
 
 
 def _starts(unit: ForeignUnit) -> list[float]:
@@ -206,18 +217,18 @@ def _starts(unit: ForeignUnit) -> list[float]:
     return [c if v.computed else v.start for v, c in zip(unit.states, computed, strict=True)]
 
 
-def _tuple(names: list[str]) -> str:
-    return f"({', '.join(names)},)" if names else "()"
+def _groups(unit: ForeignUnit) -> list[tuple[int, frozenset[int], tuple[int, ...]]]:
+    """Return what is asked for at once: the rates, and outputs by the inputs that they depend on.
 
-
-def _groups(unit: ForeignUnit) -> dict[frozenset[int], tuple[int, ...]]:
-    """Return rates and outputs by the inputs that they depend on: rates on all, and so does what says nothing."""
+    Rates depend on all inputs, and so does an output that says nothing.
+    """
     every = frozenset(v.reference for v in unit.inputs)
-    groups: dict[frozenset[int], list[int]] = {every: list(range(len(unit.states)))}
+    groups: dict[frozenset[int], list[int]] = {}
     for k, v in enumerate(unit.outputs):
         on = every if v.depends_on is None else frozenset(v.depends_on)
         groups.setdefault(on, []).append(len(unit.states) + k)
-    return {on: tuple(members) for on, members in groups.items() if members}
+    rates = [(RATES, every, tuple(range(len(unit.states))))] if unit.states else []
+    return rates + [(OUTPUTS, on, tuple(members)) for on, members in groups.items()]
 
 
 @dataclass(frozen=True)
