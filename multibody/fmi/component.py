@@ -93,7 +93,7 @@ class Fmu(Component):
         for v in unit.parameters:
             add(v.own, Parameter(v.start, v.unit, v.meaning, min=v.min, max=v.max))
         for v, start in zip(unit.states, _starts(unit), strict=True):
-            add(v.own, State(v.unit, v.meaning, start))
+            add(v.own, State(v.unit, v.meaning, start, min=v.min, max=v.max))
         for v in unit.inputs:
             add(v.own, Input(v.unit, v.meaning, v.start))
         for v in unit.outputs:
@@ -247,10 +247,13 @@ def _flanges(text: str, unit: ForeignUnit) -> list[_Flange]:
     flanges, faults = [], []
     shown = {n: v for v in (*unit.states, *unit.outputs) for n in (v.name, v.own)}
     driven = {n: v for v in unit.inputs for n in (v.name, v.own)}
+    taken = {v.own for v in (*unit.states, *unit.inputs, *unit.parameters, *unit.outputs)}
     for part in filter(None, (p.strip() for p in text.split(";"))):
         name, _, rest = part.partition(":")
         given = dict(word.partition("=")[::2] for word in rest.split())
         where = f"connection '{name}'"
+        if name.strip() in taken:
+            faults.append(f"{where}: '{unit.name}' has a variable of this name: give the place another")
         if missing := [k for k in _KEYS if k not in given]:
             faults.append(f"{where}: {' and '.join(missing)} missing: say which variable it is")
         faults += [f"{where}: there is no key '{k}'{nearest(k, _KEYS)}" for k in given if k not in _KEYS]

@@ -260,6 +260,11 @@ def test_connection_that_does_not_fit(given: dict[str, str], said: str, second: 
         Fmu(second, connections={"guide": given})
 
 
+def test_connection_with_the_name_of_a_variable(second: Path) -> None:
+    with pytest.raises(FmuError, match="'carriage_position': .* has a variable of this name"):
+        Fmu(second, connections={"carriage_position": CONNECTION["guide"]})
+
+
 # ---------------------------------------------------------------- a process of its own
 
 
