@@ -11,7 +11,7 @@ from typing import Any, Protocol
 __all__ = ["ASKS", "Host", "hosts_in"]
 
 #: The line by which a text of equations that asks another process is known.
-ASKS = "from multibody.fmi.asking import ask, host_of, key_of\n"
+ASKS = "from multibody.fmi.asking import ask, host_of, key_of, room, shown, slope_shown\n"
 
 
 class Host(Protocol):

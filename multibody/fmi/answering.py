@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable
 from multibody.fmi.stepping import references, values_of
 
-__all__ = ["OUTPUTS", "RATES", "SLOPES", "VERSION", "RunningUnit", "running"]
+__all__ = ["OUTPUTS", "RATES", "SLOPES", "VERSION", "Answer", "RunningUnit", "running"]
 
 #: Stands in every text of equations that ask a unit: machine code is kept by its text, and has the question in it.
 VERSION = digest_of(Path(__file__).read_text(encoding="utf-8"))
@@ -42,7 +43,9 @@ GIVEN, NOW, FACTOR, OFFSET, NOMINAL, PARAMETERS, RESULT, OUT_FACTOR, OUT_OFFSET,
 )
 # and of value references, with their number: of inputs, of outputs, of rates and outputs, of what is differentiated by.
 IN_REF, N_IN, OUT_REF, N_OUT, UNKNOWN_REF, N_RATES, KNOWN_REF, N_KNOWN = range(24, 32)
-FIELDS = 32
+# And again of float64: room for what is given, and for the answers to the questions of a text.
+ROOM, ANSWERS = range(32, 34)
+FIELDS = 34
 
 _running: RunningUnit | None = None
 
@@ -50,6 +53,26 @@ _running: RunningUnit | None = None
 def running() -> RunningUnit | None:
     """Return the unit that runs in this process, if it is a unit's own."""
     return _running
+
+
+class Answer(float):
+    """What stands for an answer in equations that are plain Python; in compiled ones it is a number without meaning."""
+
+    values: np.ndarray
+
+    def __new__(cls, values: np.ndarray) -> Answer:
+        """Return what stands for these values."""
+        answer = super().__new__(cls, 0.0)
+        answer.values = values
+        return answer
+
+    def shown(self, place: int, k: int) -> float:
+        """Return a value."""
+        return float(self.values[k])
+
+    def slope_shown(self, place: int, k: int, count: int) -> float:
+        """Return the derivative of a value."""
+        return float(self.values[count + k])
 
 
 class RunningUnit:
@@ -64,8 +87,7 @@ class RunningUnit:
     Attributes
     ----------
     table : ndarray of int64
-    ask : callable
-        ``ask(key, wanted, given, values)``: see `multibody.fmi.asking`; compiled at its first use.
+        For compiled code.
     """
 
     def __init__(self, unit: ForeignUnit, folder: str) -> None:
@@ -104,6 +126,8 @@ class RunningUnit:
             SLOPE: np.zeros(count),
             COLUMNS: np.zeros((size, count)),
             KNOWN: np.zeros(size),
+            ROOM: np.zeros(2 * size),
+            ANSWERS: np.zeros((2 + n_y, 2 * count)),  # a question of rates, and at most one for each output
         }
         of_inputs, of_outputs = references(unit.inputs), references(unit.outputs)
         of_known = [r for g in groups for r in references(g)]
@@ -122,22 +146,23 @@ class RunningUnit:
             self.table[place] = array.ctypes.data
         self._arrays = floats, lists
         self._moved = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(self._take_parameters)
-        self._ask: Callable[..., None] | None = None
         _running = self
 
+    @cached_property
+    def _calls(self) -> tuple[Any, ...]:
+        return _question(self)
+
     @property
-    def ask(self) -> Callable[..., None]:
-        """The question, compiled where equations are."""
-        if self._ask is None:
-            self._ask = _question(self)
-        return self._ask
+    def in_equations(self) -> tuple[Any, ...]:
+        """What equations call (`multibody.fmi.asking`), compiled where equations are: room, ask, shown, slope_shown."""
+        return self._calls[1:]
 
     def answer(self, numbers: np.ndarray) -> np.ndarray:
         """Return what is asked for (the first number) at a point, which a direction may follow."""
         count = self.table[STATES] + self.table[OUTS]
         wanted = int(numbers[0])
         values = np.zeros(2 * count if wanted & SLOPES else count)
-        self.ask(0, wanted, np.array(numbers[1:]), values)
+        self._calls[0](wanted, np.array(numbers[1:]), values)
         self.check()
         return values
 
@@ -240,8 +265,8 @@ def _scales(variables: tuple[ForeignVariable, ...], before: int) -> tuple[np.nda
     return factor, offset
 
 
-def _question(unit: RunningUnit) -> Callable[..., None]:
-    """Return the question: compiled, or the same in Python where nothing is."""
+def _question(unit: RunningUnit) -> tuple[Any, ...]:
+    """Return the question and what equations call, compiled, or the same in Python where nothing is."""
     functions = unit.functions()
     if not jit_enabled():
 
@@ -252,7 +277,14 @@ def _question(unit: RunningUnit) -> Callable[..., None]:
             return lambda *given: int(function(*(g if isinstance(g, float) else int(g) for g in given)))
 
         called = {name: plain(function) for name, (function, _) in functions.items()}
-        return _written(lambda f: f, unit.second, lambda: unit.table, array_at, unit._moved, **called)
+        put = _written(lambda f: f, unit.second, lambda: unit.table, array_at, unit._moved, **called)
+
+        def in_python(key: int, wanted: int, place: int, given: np.ndarray) -> Answer:
+            values = np.zeros(2 * int(unit.table[STATES] + unit.table[OUTS]))
+            put(wanted, given, values)
+            return Answer(values)
+
+        return put, np.empty, in_python, Answer.shown, Answer.slope_shown
 
     from llvmlite import binding
     from numba import carray, njit, types
@@ -298,7 +330,29 @@ def _question(unit: RunningUnit) -> Callable[..., None]:
     def floats_at(address, count):  # type: ignore[no-untyped-def]
         return carray(floats_from(address), count)
 
-    return _written(compile, unit.second, table, floats_at, moved, **called)
+    put = _written(compile, unit.second, table, floats_at, moved, **called)
+
+    @compile
+    def room(count):  # type: ignore[no-untyped-def]
+        return floats_from(table()[ROOM])
+
+    @compile
+    def ask(key, wanted, place, given):  # type: ignore[no-untyped-def]
+        known = table()
+        size = 2 * (known[STATES] + known[OUTS])
+        put(wanted, given, floats_at(known[ANSWERS] + 8 * size * place, size))
+        return 0.0
+
+    @compile
+    def shown(answer, place, k):  # type: ignore[no-untyped-def]
+        known = table()
+        return floats_from(known[ANSWERS] + 8 * (2 * (known[STATES] + known[OUTS]) * place + k))[0]
+
+    @compile
+    def slope_shown(answer, place, k, count):  # type: ignore[no-untyped-def]
+        return shown(answer, place, count + k)
+
+    return put, room, ask, shown, slope_shown
 
 
 def _written(
@@ -493,7 +547,7 @@ def _written(
         return status
 
     @compile
-    def ask(key, wanted, given, values):  # type: ignore[no-untyped-def]
+    def answer(wanted, given, values):  # type: ignore[no-untyped-def]
         """Ask the unit at a point, or along a direction there; nan where it gives no answer."""
         table = table_of()
         count = table[STATES] + table[OUTS]
@@ -514,5 +568,5 @@ def _written(
         if status > _DISCARD and table[FAULT] == 0:
             table[FAULT] = status
 
-    result: Callable[..., None] = ask
+    result: Callable[..., None] = answer
     return result

@@ -119,21 +119,19 @@ class Fmu(Component):
             self._step(owner, work, unit, used)
             return
         for k, (wanted, on, members) in enumerate(_groups(unit)):
-            results = [
-                variable(owner, "_der", unit.states[i].own)
-                if i < len(unit.states)
-                else variable(owner, unit.outputs[i - len(unit.states)].own)
-                for i in members
-            ]
-            kernel = f"k_fmu_{owner.replace('.', '_')}_{k}"
+            kernel, answer = f"k_fmu_{owner.replace('.', '_')}_{k}", variable(owner, f"_answer_{k}")
             kernels: dict[str, Any] = work.kernels
-            kernels[kernel] = _Asks(unit, members, wanted)
+            kernels[kernel], kernels[f"{kernel}_shown"] = _Asks(unit, wanted, k), _Shows(unit, k)
             given = [
                 repr(v.start) if v in unit.inputs and v.reference not in on else used[v.own]
                 for v in (*unit.states, *unit.inputs, *unit.parameters)
             ]
-            target = ", ".join(results)
-            work.add(f"{target} = {kernel}({', '.join(['t', *given])})", owner)
+            work.add(f"{answer} = {kernel}({', '.join(['t', *given])})", owner)
+            for i in members:
+                of_state = i < len(unit.states)
+                own = unit.states[i].own if of_state else unit.outputs[i - len(unit.states)].own
+                target = variable(owner, "_der", own) if of_state else variable(owner, own)
+                work.add(f"{target} = {kernel}_shown({answer}, {float(i)!r})", owner)
 
     def _step(self, owner: str, work: Assembly, unit: ForeignUnit, used: Mapping[str, str]) -> None:
         """Add what is heard of a unit that is stepped, and what it is given; see `multibody.fmi.communication`."""
@@ -174,37 +172,58 @@ def sensitivity_sources(components: Mapping[str, Component]) -> dict[str, str]:
 
 
 class _Asks:
-    """A function for equations that brings its own text and that of its tangent (`called_functions.kernel_sources`)."""
+    """A function for equations that brings its own text and that of its tangent (`called_functions.kernel_sources`).
 
-    def __init__(self, unit: ForeignUnit, members: tuple[int, ...], wanted: int) -> None:
+    It asks the unit, and returns what `_Shows` takes values from.
+    """
+
+    returned = 1
+
+    def __init__(self, unit: ForeignUnit, wanted: int, place: int) -> None:
         names = [f"a{k}" for k in range(len(unit.states) + len(unit.inputs) + len(unit.parameters))]
         dots = [f"{n}_dot" for n in names]
-        self.returned, count = len(members), len(unit.states) + len(unit.outputs)
         self._file = f"({str(unit.path)!r}, {unit.digest!r})"
-        results = [f"values[{k}]" for k in members]
-        slopes = [f"values[{count + k}]" for k in members]
-        plain, both = ["t", *names], ["t", *names, *dots]
-        self._plain = _question(plain, plain, wanted, count, results)
-        self._tangent = _question(["t", *names, "t_dot", *dots], both, wanted + SLOPES, 2 * count, results + slopes)
+        plain = ["t", *names]
+        self._plain = _question(plain, plain, f"{wanted}, {place}", "answer")
+        both = [*plain, *dots]
+        self._tangent = _question([*plain, "t_dot", *dots], both, f"{wanted + SLOPES}, {place}", "answer, answer")
 
     def text(self, name: str) -> str:
         """Return the text of the function under a name."""
         of_unit = f"{name}_key = key_of{self._file}\n{name}_host = host_of{self._file}\n"
-        return f"import numpy as np\n{ASKS}# {VERSION}\n{of_unit}def {name}{self._plain.format(name)}"
+        return f"{ASKS}# {VERSION}\n{of_unit}def {name}{self._plain.format(name)}"
 
     def tangent_text(self, name: str) -> str:
         """Return the text of its tangent under a name."""
         return f"def {name}{self._tangent.format(name.removesuffix('_tangent'))}"
 
 
-def _question(arguments: list[str], given: list[str], wanted: int, count: int, results: list[str]) -> str:
+class _Shows:
+    """A function for equations, as `_Asks`: a value of an answer."""
+
+    returned = 1
+
+    def __init__(self, unit: ForeignUnit, place: int) -> None:
+        self._place, self._count = place, len(unit.states) + len(unit.outputs)
+
+    def text(self, name: str) -> str:
+        """Return the text of the function under a name."""
+        return f"def {name}(answer, k):\n    return shown(answer, {self._place}, int(k))\n"
+
+    def tangent_text(self, name: str) -> str:
+        """Return the text of its tangent under a name."""
+        value = f"shown(answer_dot, {self._place}, int(k))"
+        slope = f"slope_shown(answer_dot, {self._place}, int(k), {self._count})"
+        return f"def {name}(answer, k, answer_dot, k_dot):\n    return {value}, {slope}\n"
+
+
+def _question(arguments: list[str], given: list[str], how: str, returned: str) -> str:
     """Return a function without its name that asks a unit; ``{0}`` stands for the name of its key."""
     lines = [
-        f"given = np.empty({len(given)})",
+        f"given = room({len(given)})",
         *(f"given[{k}] = {name}" for k, name in enumerate(given)),
-        f"values = np.empty({count})",
-        f"ask({{0}}_key, {wanted}, given, values)",
-        f"return {', '.join(results)}",
+        f"answer = ask({{0}}_key, {how}, given)",
+        f"return {returned}",
     ]
     return f"({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
 

@@ -26,6 +26,7 @@ import numpy as np
 from multibody.base.errors import SimulationError
 from multibody.base.stopping import raise_if_stopped
 from multibody.compile.hosts import Host
+from multibody.fmi.answering import Answer
 from multibody.fmi.foreign_description import ForeignVariable, read_unit
 from multibody.fmi.messages import ANSWER, FAILURE, PIECE, PULSE, REFUSAL, unpacked
 from multibody.fmi.scratch_folder import ScratchFolder
@@ -265,8 +266,8 @@ def key_of(path: str, digest: str) -> int:
     return key
 
 
-def ask(key: int, wanted: int, given: np.ndarray, values: np.ndarray) -> None:
-    """Write into ``values`` what a unit answers; arguments as of `multibody.fmi.asking`.
+def ask(key: int, wanted: int, place: int, given: np.ndarray) -> Answer:
+    """Return what a unit answers; arguments as of `multibody.fmi.asking`.
 
     Raises
     ------
@@ -274,7 +275,7 @@ def ask(key: int, wanted: int, given: np.ndarray, values: np.ndarray) -> None:
         If the unit refuses, does not answer, or its process has ended.
     """
     with _lock:
-        values[:] = _process(*_files[key]).evaluate(wanted, given)
+        return Answer(_process(*_files[key]).evaluate(wanted, given))
 
 
 class _Host:
