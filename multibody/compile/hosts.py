@@ -5,6 +5,7 @@ A question from here to there takes some hundred microseconds, an evaluation the
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -36,3 +37,10 @@ def hosts_in(names: dict[str, Any]) -> tuple[Host, ...]:
     """Return the hosts that the equations of a module ask, by the module's names."""
     found = {id(v): v for name, v in names.items() if name.endswith("_host") and v is not None}
     return tuple(found.values())
+
+
+def constants_in(names: dict[str, Any]) -> tuple[str, ...]:
+    """Return what machine code of a module's equations has in it beside their text: numbers of what they call."""
+    called = {v.__module__ for v in names.values() if hasattr(v, "py_func")}
+    modules = (sys.modules[name] for name in sorted(called))
+    return tuple(f"{m.__name__} {k} {v}" for m in modules for k, v in vars(m).items() if k.isupper() and type(v) is int)

@@ -14,7 +14,7 @@ import ctypes
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -29,7 +29,7 @@ from multibody.compile.calls import register_python
 from multibody.compile.emitter.build import build
 from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt
 from multibody.compile.emitter.units import Unit, unit_of_text
-from multibody.compile.hosts import ASKS, Host, hosts_in
+from multibody.compile.hosts import ASKS, Host, constants_in, hosts_in
 from multibody.compile.settings import jit_enabled, models_by_emitter
 
 __all__ = [
@@ -319,13 +319,16 @@ def _prototype(arrays: int) -> Any:
 
 
 def _by_emitter(text: str, stem: str, name: str, arrays: int, lanes: int) -> int:
+    names = vars(load_source(text, stem)) if ASKS in text else {}
+
     def unit() -> Unit:
         path = cache_dir() / f"{stem}_{digest_of(text)}.py"
         write_once(path, text)  # to read, and to step through
-        return unit_of_text(text, str(path))
+        return replace(unit_of_text(text, str(path)), values=names)
 
     shared = RHS_ARRAYS - 1 if lanes else arrays
-    return build(stem, (text,), unit, name, (FLOAT, *[FLOATS] * shared, *[LanesAt(lanes)] * (arrays - shared)))[0]
+    source = (text, *constants_in(names)) if names else (text,)
+    return build(stem, source, unit, name, (FLOAT, *[FLOATS] * shared, *[LanesAt(lanes)] * (arrays - shared)))[0]
 
 
 @lru_cache(maxsize=1024)

@@ -43,9 +43,12 @@ GIVEN, NOW, FACTOR, OFFSET, NOMINAL, PARAMETERS, RESULT, OUT_FACTOR, OUT_OFFSET,
 )
 # and of value references, with their number: of inputs, of outputs, of rates and outputs, of what is differentiated by.
 IN_REF, N_IN, OUT_REF, N_OUT, UNKNOWN_REF, N_RATES, KNOWN_REF, N_KNOWN = range(24, 32)
-# And again of float64: room for what is given, and for the answers to the questions of a text.
-ROOM, ANSWERS = range(32, 34)
-FIELDS = 34
+# And again of float64: room for what is given, and for the answers to the questions of a text; and of the question.
+ROOM, ANSWERS, QUESTION = range(32, 35)
+FIELDS = 35
+
+#: Where the table is to stand in every process of a unit: far from where systems put things by themselves.
+_TABLE_AT = 0x5A0000000000
 
 _running: RunningUnit | None = None
 
@@ -137,7 +140,8 @@ class RunningUnit:
             UNKNOWN_REF: np.array([*unit.rates, *of_outputs, 0], dtype=np.uint32),
             KNOWN_REF: np.array([*of_known, 0], dtype=np.uint32),
         }
-        self.table = np.zeros(FIELDS, dtype=np.int64)
+        self.address = _reserved(8 * FIELDS)
+        self.table = np.ctypeslib.as_array((ctypes.c_int64 * FIELDS).from_address(self.address))
         component = self.fmu.component
         self.table[: EXACT + 1] = int(getattr(component, "value", component) or 0), size, n, n_u, n_y, exact
         self.table[N_IN], self.table[N_OUT] = len(of_inputs), len(of_outputs)
@@ -149,20 +153,22 @@ class RunningUnit:
         _running = self
 
     @cached_property
-    def _calls(self) -> tuple[Any, ...]:
+    def _question(self) -> Callable[[int, np.ndarray, np.ndarray], None]:
         return _question(self)
 
-    @property
-    def in_equations(self) -> tuple[Any, ...]:
-        """What equations call (`multibody.fmi.asking`), compiled where equations are: room, ask, shown, slope_shown."""
-        return self._calls[1:]
+    def prepare(self) -> None:
+        """Compile the question, which equations reach by the table."""
+        _ = self._question
+
+    def ask(self, key: int, wanted: int, place: int, given: np.ndarray) -> Answer:
+        """Return an answer to equations that are plain Python; see `multibody.fmi.asking`."""
+        values = np.zeros(2 * int(self.table[STATES] + self.table[OUTS]))
+        self._question(wanted, given, values)
+        return Answer(values)
 
     def answer(self, numbers: np.ndarray) -> np.ndarray:
         """Return what is asked for (the first number) at a point, which a direction may follow."""
-        count = self.table[STATES] + self.table[OUTS]
-        wanted = int(numbers[0])
-        values = np.zeros(2 * count if wanted & SLOPES else count)
-        self._calls[0](wanted, np.array(numbers[1:]), values)
+        values = self.ask(0, int(numbers[0]), 0, np.array(numbers[1:])).values
         self.check()
         return values
 
@@ -265,8 +271,22 @@ def _scales(variables: tuple[ForeignVariable, ...], before: int) -> tuple[np.nda
     return factor, offset
 
 
-def _question(unit: RunningUnit) -> tuple[Any, ...]:
-    """Return the question and what equations call, compiled, or the same in Python where nothing is."""
+def _reserved(size: int) -> int:
+    """Return the address of zeros that stay; the same in every process, where the place is free."""
+    import mmap
+
+    call = ctypes.CDLL(None).mmap
+    call.restype = ctypes.c_void_p
+    call.argtypes = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
+    kind = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
+    found = call(_TABLE_AT, size, mmap.PROT_READ | mmap.PROT_WRITE, kind, -1, 0)
+    if found in (None, ctypes.c_void_p(-1).value):
+        raise MemoryError("there is no memory for the table of a unit")
+    return int(found)
+
+
+def _question(unit: RunningUnit) -> Callable[[int, np.ndarray, np.ndarray], None]:
+    """Return the question, compiled, or the same in Python where nothing is."""
     functions = unit.functions()
     if not jit_enabled():
 
@@ -277,20 +297,14 @@ def _question(unit: RunningUnit) -> tuple[Any, ...]:
             return lambda *given: int(function(*(g if isinstance(g, float) else int(g) for g in given)))
 
         called = {name: plain(function) for name, (function, _) in functions.items()}
-        put = _written(lambda f: f, unit.second, lambda: unit.table, array_at, unit._moved, **called)
-
-        def in_python(key: int, wanted: int, place: int, given: np.ndarray) -> Answer:
-            values = np.zeros(2 * int(unit.table[STATES] + unit.table[OUTS]))
-            put(wanted, given, values)
-            return Answer(values)
-
-        return put, np.empty, in_python, Answer.shown, Answer.slope_shown
+        return _written(lambda f: f, unit.second, lambda: unit.table, array_at, unit._moved, **called)
 
     from llvmlite import binding
     from numba import carray, njit, types
     from numba.extending import intrinsic
 
     from multibody.compile.emitter.machine import compiled, loaded
+    from multibody.compile.numba_functions import address_of_function
     from multibody.compile.sealed_code import kept
 
     whole = types.int64
@@ -332,27 +346,24 @@ def _question(unit: RunningUnit) -> tuple[Any, ...]:
 
     put = _written(compile, unit.second, table, floats_at, moved, **called)
 
-    @compile
-    def room(count):  # type: ignore[no-untyped-def]
-        return floats_from(table()[ROOM])
-
-    @compile
-    def ask(key, wanted, place, given):  # type: ignore[no-untyped-def]
+    def question(wanted, given, _1, _2, values):  # type: ignore[no-untyped-def]
         known = table()
-        size = 2 * (known[STATES] + known[OUTS])
-        put(wanted, given, floats_at(known[ANSWERS] + 8 * size * place, size))
-        return 0.0
+        put(int(wanted), given, carray(values, 2 * (known[STATES] + known[OUTS])))
 
-    @compile
-    def shown(answer, place, k):  # type: ignore[no-untyped-def]
-        known = table()
-        return floats_from(known[ANSWERS] + 8 * (2 * (known[STATES] + known[OUTS]) * place + k))[0]
+    pointer = types.CPointer(types.float64)
+    options: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True}
+    made = kept(njit(**options)(question), origin)
+    made.compile(types.void(types.float64, *[pointer] * 4))
+    made.disable_compile()
+    address = unit.table[QUESTION] = address_of_function(made)
+    call = ctypes.CFUNCTYPE(None, ctypes.c_double, *[ctypes.c_void_p] * 4)(address)
 
-    @compile
-    def slope_shown(answer, place, k, count):  # type: ignore[no-untyped-def]
-        return shown(answer, place, count + k)
+    def on_arrays(wanted: int, given: np.ndarray, values: np.ndarray) -> None:
+        at = given.ctypes.data
+        call(float(wanted), at, at, at, values.ctypes.data)
 
-    return put, room, ask, shown, slope_shown
+    on_arrays.keep = made  # type: ignore[attr-defined]
+    return on_arrays
 
 
 def _written(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from multibody.compile.hosts import Host
+from multibody.compile.settings import jit_enabled
 from multibody.fmi import foreign
 from multibody.fmi.answering import Answer, running
 from multibody.fmi.foreign import key_of
@@ -32,8 +33,8 @@ def host_of(path: str, digest: str) -> Host | None:
 
 
 room: Any = np.empty
-ask: Any = foreign.ask
+ask: Any = foreign.ask if _unit is None else _unit.ask
 shown: Any = Answer.shown
 slope_shown: Any = Answer.slope_shown
-if _unit is not None:
-    room, ask, shown, slope_shown = _unit.in_equations
+if _unit is not None and jit_enabled():
+    from multibody.fmi.inside import ask, room, shown, slope_shown

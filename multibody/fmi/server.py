@@ -66,6 +66,7 @@ class _Server:
 
     def _continuous(self, running: RunningUnit) -> dict[bytes, Callable[[bytes], bytes]]:
         def work(request: bytes, *more: Any) -> bytes:
+            running.prepare()
             function, given = pickle.loads(request)
             self._works += 1
             try:
@@ -138,6 +139,7 @@ def _end_with_parent(folder: str) -> None:
 def _main() -> None:
     os.dup2(2, 1)  # what the unit prints is no answer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which may still have questions
+    os.environ["VTSDT_COMPILER"] = "emitter"  # a diagnosis has many models, each with the unit's many names in it
     path, descriptor, folder = sys.argv[1:]
     threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
     serve(path, Connection(int(descriptor)), folder)
