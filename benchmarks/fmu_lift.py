@@ -137,10 +137,10 @@ PAGE = """# A lift read back from an FMU
 Written on {date} at {commit} by `python benchmarks/fmu_lift.py --page docs/benchmarks/fmu-lift.md`;
 {computer}; load of the {cores} cores meanwhile {load}.
 
-A lift with 17 states runs two short trips with viscous friction of {friction:g} N s/m between cabin and guides, and a third
-one that takes no part. The model lacks the friction. Its diagnosis is made twice: with the model as it is, and with the
-same model exported as an FMU (FMI 3.0, Model Exchange) and read back. Times contain what is compiled, which the native
-model may find in the cache.
+A lift with 17 states runs two short trips with viscous friction of {friction:g} N s/m between cabin and guides, and a
+third one that takes no part. The model lacks the friction. Its diagnosis is made twice: with the model as it is, and
+with the same model exported as an FMU (FMI 3.0, Model Exchange) and read back. Times contain what is compiled, which
+the native model may find in the cache.
 
 | search | model | verdict | effect | strength, N s/m | {outputs} | time, s |
 |---|---|---|---|---:|{rules}|---:|

@@ -44,8 +44,9 @@ GIVEN, NOW, FACTOR, OFFSET, NOMINAL, PARAMETERS, RESULT, OUT_FACTOR, OUT_OFFSET,
 # and of value references, with their number: of inputs, of outputs, of rates and outputs, of what is differentiated by.
 IN_REF, N_IN, OUT_REF, N_OUT, UNKNOWN_REF, N_RATES, KNOWN_REF, N_KNOWN = range(24, 32)
 # And again of float64: room for what is given, and for the answers to the questions of a text; and of the question.
-ROOM, ANSWERS, QUESTION = range(32, 35)
-FIELDS = 35
+# Last, whether the instance is initialised.
+ROOM, ANSWERS, QUESTION, STARTED = range(32, 36)
+FIELDS = 36
 
 #: Where the table is to stand in every process of a unit: far from where systems put things by themselves.
 _TABLE_AT = 0x5A0000000000
@@ -230,6 +231,7 @@ class RunningUnit:
         fmu.exitInitializationMode()
         self._settle()
         self.parameters[:] = wanted
+        self.table[STARTED] = 1
 
     def _settle(self) -> None:
         """Leave event mode for continuous time."""
@@ -424,11 +426,12 @@ def _written(
         component, size, n, n_u = table[COMPONENT], table[SIZE], table[STATES], table[INPUTS]
         at, first = table[NOW], 1 + n + n_u
         now, has = floats_at(at, size), floats_at(table[PARAMETERS], size - first)
+        same = table[STARTED] == 1
         for k in range(size - first):
             if now[first + k] != has[k]:
-                if moved(0) == 0:
-                    return _DISCARD
-                break
+                same = False
+        if not same and moved(0) == 0:
+            return _DISCARD
         status = set_time(component, now[0])
         if n > 0:
             status = max(status, set_states(component, at + 8, n))

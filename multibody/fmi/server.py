@@ -66,10 +66,10 @@ class _Server:
 
     def _continuous(self, running: RunningUnit) -> dict[bytes, Callable[[bytes], bytes]]:
         def work(request: bytes, *more: Any) -> bytes:
-            running.prepare()
-            function, given = pickle.loads(request)
             self._works += 1
             try:
+                running.prepare()
+                function, given = pickle.loads(request)
                 result = function(*given, *more)
             finally:
                 self._works -= 1
