@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SECTION = "### From FMU and CSV to the named effect\n"
 
 
-@pytest.mark.slow  # two to eight minutes of questions to the unit's process
+@pytest.mark.slow  # records are made, models of a fresh unit are compiled
 def test_the_pages_example_runs_as_it_stands(tmp_path: Path) -> None:
     """Run it in order: what is to be saved is saved under the last name in the text before it."""
     page = (ROOT / "docs/howto/fmu.md").read_text(encoding="utf-8")

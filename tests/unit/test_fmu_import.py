@@ -113,6 +113,16 @@ def test_without_derivatives_differences_serve(axis: System, second: Path) -> No
     assert np.allclose(system.jacobian("x", 0.0, x), own, rtol=1e-6, atol=1e-7 * np.abs(own).max())
 
 
+def test_a_unit_without_parameters_moves_as_before(axis: System, second: Path) -> None:
+    parameter, constant = 'causality="parameter" variability="tunable"', 'causality="local" variability="constant"'
+    edit(second, lambda xml: xml.replace(parameter, constant))
+    system = plant_of(second).build()
+    assert not system.parameters
+    run = system.simulate(T_END, step=STEP, inputs=inputs())
+    own = axis.simulate(T_END, step=STEP, inputs=inputs())
+    assert np.allclose(run["plant.carriage_position"], own["carriage.position"], rtol=1e-9, atol=1e-12)
+
+
 def test_an_effect_acts_at_a_connection(unit: Path) -> None:
     native = pushed_axis()
     friction = native.add("extra", lib.ViscousFriction(viscous=5e4))
