@@ -126,8 +126,8 @@ class UnknownForce:
         e = self.estimate
         if self.report is None and e.reconstructable:
             return (
-                f"The force at {e.where} is estimated at {count_text(e.force.size, 'instant')}, which are too few to say "
-                f"what it depends on (at least {FEWEST_FORCES}): take longer records."
+                f"The force at {e.where} is estimated at {count_text(e.force.size, 'instant')}, which are too few to "
+                f"say what it depends on (at least {FEWEST_FORCES}): take longer records."
             )
         if self.report is None:
             return (
