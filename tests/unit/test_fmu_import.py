@@ -359,8 +359,10 @@ def test_work_that_takes_long_is_no_hang_and_can_be_stopped(second: Path, monkey
     moved(system, until=STEP)  # compiled
     monkeypatch.setattr(foreign, "TIMEOUT", 2.0)
     begun = time.monotonic()
+    times = np.arange(0.0, 1000.0, 0.05)  # evaluations for minutes
+    restless = {"reference.position": (times, 1e-3 * np.sin(20.0 * times))}
     with pytest.raises(Stopped, match="time limit"), stoppable(5.0):
-        system.simulate(1000.0, step=0.1, inputs={"reference.position": 1e-3})
+        system.simulate(999.0, step=0.1, inputs=restless)
     assert 5.0 <= time.monotonic() - begun < 30.0
     assert np.isfinite(moved(system, until=STEP)).all()  # what was broken off is no answer to this
 
