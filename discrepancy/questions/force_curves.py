@@ -18,6 +18,7 @@ import numpy as np
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from discrepancy.statistics.periodicity import find_period, record_parts
+from discrepancy.statistics.thresholds import FEWEST_FORCES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -289,8 +290,8 @@ def explain_force(
     bad = [f"regressor {k} has {len(v)} values for {n} forces" for k, v in regressors.items() if len(v) != n]
     if not regressors:
         bad.append("no regressor given")
-    if n < 64:
-        bad.append(f"{n} forces are too few; at least 64")
+    if n < FEWEST_FORCES:
+        bad.append(f"{n} forces are too few; at least {FEWEST_FORCES}")
     if bad:
         raise ValueError("; ".join(bad))
     if direction is None and "speed" in regressors:

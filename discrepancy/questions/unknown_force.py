@@ -14,7 +14,8 @@ from discrepancy.questions.simple_laws import Law
 from discrepancy.search.model_comparison import exceeds_noise
 from discrepancy.search.state import SearchState
 from discrepancy.stages.force_estimate import ForceEstimate, estimate_force
-from discrepancy.statistics.thresholds import LEVEL_SHARES
+from discrepancy.statistics.thresholds import FEWEST_FORCES, LEVEL_SHARES
+from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
     from discrepancy.questions.force_curves import CurveReport, Explanation
@@ -104,7 +105,7 @@ class UnknownForce:
     estimate : ForceEstimate
         The force over time.
     report : CurveReport or None
-        What it is a function of; None if the sensors do not determine the force.
+        What it is a function of; None if the sensors do not determine the force, or at too few instants.
     laws : tuple of Law
         Simple laws for it, by error on blocks left out.
     similar : tuple of (kind, share)
@@ -123,6 +124,11 @@ class UnknownForce:
     def sentence(self) -> str:
         """The description, in a few sentences."""
         e = self.estimate
+        if self.report is None and e.reconstructable:
+            return (
+                f"The force at {e.where} is estimated at {count_text(e.force.size, 'instant')}, which are too few to "
+                f"say what it depends on (at least {FEWEST_FORCES}): take longer records."
+            )
         if self.report is None:
             return (
                 f"The force at {e.where} itself cannot be reconstructed: these sensors determine "
@@ -229,7 +235,7 @@ def describe_force(
     from discrepancy.questions.force_curves import explain_force
     from discrepancy.questions.simple_laws import suggest_laws
 
-    if not estimate.reconstructable:
+    if not estimate.reconstructable or estimate.force.size < FEWEST_FORCES:
         return UnknownForce(estimate=estimate, report=None, laws=(), similar=similar, over=over)
     state.progress(f"what the force at {estimate.where} depends on")
     direction = estimate.direction

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-__all__ = ["DECISIVE_BIC", "DECISIVE_LOG_LIKELIHOOD", "LEVEL_SHARES", "TWIN_CORRELATION", "VERY_STRONG_BIC"]
+__all__ = [
+    "DECISIVE_BIC",
+    "DECISIVE_LOG_LIKELIHOOD",
+    "FEWEST_FORCES",
+    "LEVEL_SHARES",
+    "TWIN_CORRELATION",
+    "VERY_STRONG_BIC",
+]
 
 #: Difference of BIC from which two explanations are told apart: odds of twenty to one, which Kass and Raftery (1995),
 #: J. Am. Stat. Assoc. 90, 773, call strong evidence.
@@ -15,3 +22,5 @@ DECISIVE_LOG_LIKELIHOOD = 0.5 * DECISIVE_BIC
 TWIN_CORRELATION = 0.999
 #: Tests of one step that share the significance level: plain scan, whitened scan, pairs, free curves, omnibus test.
 LEVEL_SHARES = 5
+#: Instants at which a force has to be known before it is said what it is a function of: eight blocks of eight; chosen.
+FEWEST_FORCES = 64

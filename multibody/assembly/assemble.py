@@ -126,7 +126,8 @@ def _components(model: ModelGraph, net: Network, work: Assembly) -> None:
         for name, state in component.of_kind(State).items():
             var = variable(owner, name)
             start = component.starts.get(name, state.start)  # absent where the value given was at fault
-            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, value=start))
+            bounds: dict[str, Any] = {"value": start, "min": state.min, "max": state.max}
+            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, **bounds))
             work.derivatives[var] = variable(owner, "_der", name)
         for name, item in component.of_kind(UnknownDeclaration).items():
             work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name)))

@@ -14,7 +14,7 @@ import ctypes
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -29,6 +29,7 @@ from multibody.compile.calls import register_python
 from multibody.compile.emitter.build import build
 from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt
 from multibody.compile.emitter.units import Unit, unit_of_text
+from multibody.compile.hosts import ASKS, Host, constants_in, hosts_in
 from multibody.compile.settings import jit_enabled, models_by_emitter
 
 __all__ = [
@@ -164,13 +165,29 @@ class NativeFunction:
 
         return function_on_arrays(_by_numba(*self.origin, self.name, self.arrays)[1], self.arrays)
 
+    def run(self, work: Callable[..., Any], *given: Any, receive: Callable[..., None] | None = None) -> Any:
+        """Return ``work(*given)``, which evaluates this function often; done in another process if that is faster.
+
+        Arguments as of `multibody.compile.hosts.Host.do`.
+        """
+        hosts = _hosts(*self.origin)
+        if len(hosts) == 1:
+            return hosts[0].do(work, *given, receive=receive)
+        return work(*given) if receive is None else work(*given, receive)
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether `run` does its work in another process."""
+        return len(_hosts(*self.origin)) == 1
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Send the source and not the address: a worker process compiles, or finds it in the cache."""
         if not self.origin[0]:
             raise TypeError(f"{self.name} has no source text to be rebuilt from in another process")
         if self._made is None:
             load_source(*self.origin)  # what numba keeps of a user's function that calls this one names the module
-        return _rebuild, (*self.origin, self.name, self.arrays, self.compiled, self.lanes)
+        compiled = self.compiled or bool(_hosts(*self.origin))  # where its host is, it is
+        return _rebuild, (*self.origin, self.name, self.arrays, compiled, self.lanes)
 
 
 def _rebuild(text: str, stem: str, name: str, arrays: int, compiled: bool, lanes: int) -> NativeFunction:
@@ -276,7 +293,7 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
         If a tangent for several directions is outside the emitter's subset.
     """
     python = _Plain(text, stem, name)
-    if compiled and jit_enabled():
+    if compiled and jit_enabled() and not _hosts(text, stem):
         made = None
         if lanes or models_by_emitter():
             made = _by_emitter(text, stem, name, arrays, lanes), None
@@ -291,19 +308,27 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
     return NativeFunction(name, python, arrays, False, (text, stem), faults, _made=(address, back))
 
 
+@lru_cache(maxsize=256)
+def _hosts(text: str, stem: str) -> tuple[Host, ...]:
+    return hosts_in(vars(load_source(text, stem))) if ASKS in text else ()
+
+
 @lru_cache(maxsize=8)
 def _prototype(arrays: int) -> Any:
     return ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
 
 
 def _by_emitter(text: str, stem: str, name: str, arrays: int, lanes: int) -> int:
+    names = vars(load_source(text, stem)) if ASKS in text else {}
+
     def unit() -> Unit:
         path = cache_dir() / f"{stem}_{digest_of(text)}.py"
         write_once(path, text)  # to read, and to step through
-        return unit_of_text(text, str(path))
+        return replace(unit_of_text(text, str(path)), values=names)
 
     shared = RHS_ARRAYS - 1 if lanes else arrays
-    return build(stem, (text,), unit, name, (FLOAT, *[FLOATS] * shared, *[LanesAt(lanes)] * (arrays - shared)))[0]
+    source = (text, *constants_in(names)) if names else (text,)
+    return build(stem, source, unit, name, (FLOAT, *[FLOATS] * shared, *[LanesAt(lanes)] * (arrays - shared)))[0]
 
 
 @lru_cache(maxsize=1024)

@@ -95,6 +95,8 @@ class Component:
                 self._take_table(item, given.pop(name, item.default))
         for name, state in starts.items():
             self._take_number(self.starts, name, state.unit, given.pop(name, state.start), "start value")
+            if name in self.starts and (fault := out_of_bounds(state, self.starts[name], f"start value '{name}'")):
+                self.faults.append(fault)
         for name in given:
             settable = [*self.values, *self.tables, *self.options, *starts]
             self.faults.append(f"{type(self).__name__} has no parameter '{name}'{nearest(name, settable)}")
@@ -163,7 +165,7 @@ class Component:
             return
         self._take_number(self.values, item.name, item.unit, value, "parameter")
         number = self.values.get(item.name)
-        if number is not None and (fault := out_of_bounds(item, number)):
+        if number is not None and (fault := out_of_bounds(item, number, f"parameter '{item.name}'")):
             self.faults.append(fault)
 
     def _take_table(self, item: Table, value: Any) -> None:
@@ -266,9 +268,9 @@ def _unit_text(text: str, units: dict[str, str]) -> str:
     return text.format(**shown) if "{" in text else text
 
 
-def out_of_bounds(item: Parameter, number: float) -> str | None:
-    """Return the fault of a number outside its parameter's bounds, or None."""
-    value = f"parameter '{item.name}' is {number:g} {item.unit}"
+def out_of_bounds(item: Parameter | State, number: float, what: str) -> str | None:
+    """Return the fault of a number outside the bounds of its parameter or state, or None."""
+    value = f"{what} is {number:g} {item.unit}"
     if item.min is not None and number < item.min:
         return f"{value}, below its least value {item.min:g}: {item.meaning}; choose more"
     if item.max is not None and number > item.max:

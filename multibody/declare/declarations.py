@@ -115,11 +115,16 @@ class Unit(Declaration):
 
 @dataclass(frozen=True)
 class State(Declaration):
-    """A quantity that is integrated; its equation is ``self.der.<name> = ...``."""
+    """A quantity that is integrated; its equation is ``self.der.<name> = ...``.
+
+    Its bounds say where it has a meaning: start values are held to them, and another tool is told of them.
+    """
 
     unit: str
     meaning: str
     start: float = 0.0
+    min: float | None = None
+    max: float | None = None
 
 
 @dataclass(frozen=True)

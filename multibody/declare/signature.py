@@ -159,7 +159,7 @@ def _meaning(item: Declaration) -> str:
     text = str(getattr(item, "meaning", "")) or item.name
     if isinstance(item, State) and "at the start" not in text:
         text += " at the start"
-    elif isinstance(item, Parameter):
+    if isinstance(item, Parameter | State):
         bounds = [f"at least {item.min:g}"] if item.min is not None else []
         bounds += [f"at most {item.max:g}"] if item.max is not None else []
         text = ", ".join([text, *bounds])

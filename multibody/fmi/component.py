@@ -9,6 +9,7 @@ from typing import Any
 
 from multibody.assembly.equation_set import Assembly, Quantity
 from multibody.base.spelling import nearest
+from multibody.compile.hosts import ASKS
 from multibody.declare.component import Component
 from multibody.declare.declarations import (
     Declaration,
@@ -20,6 +21,7 @@ from multibody.declare.declarations import (
     Translation,
 )
 from multibody.equations.statements import variable
+from multibody.fmi.answering import OUTPUTS, RATES, SLOPES, VERSION
 from multibody.fmi.communication import given_name, heard_name, stepped_run
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign import start_states
@@ -42,8 +44,8 @@ class Fmu(Component):
     Its states, inputs, parameters and outputs are those of the unit, in SI, under their own names with an underscore in
     the place of every other character: ``body.x[1]`` is ``body_x_1``.  An input that nothing drives keeps its start
     value.  A state that its description gives no start value starts where the unit's own initialization puts it, with
-    the parameters of the description.  The unit runs in a process of its own; the equations of a model that has one are
-    evaluated by Python.
+    the parameters of the description.  The unit runs in a process of its own, which compiles the equations around
+    it and integrates them; evaluated elsewhere, one after another, they are plain Python.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ class Fmu(Component):
         for v in unit.parameters:
             add(v.own, Parameter(v.start, v.unit, v.meaning, min=v.min, max=v.max))
         for v, start in zip(unit.states, _starts(unit), strict=True):
-            add(v.own, State(v.unit, v.meaning, start))
+            add(v.own, State(v.unit, v.meaning, start, min=v.min, max=v.max))
         for v in unit.inputs:
             add(v.own, Input(v.unit, v.meaning, v.start))
         for v in unit.outputs:
@@ -116,22 +118,20 @@ class Fmu(Component):
         if unit.stepped:
             self._step(owner, work, unit, used)
             return
-        for k, (on, members) in enumerate(_groups(unit).items()):
-            results = [
-                variable(owner, "_der", unit.states[i].own)
-                if i < len(unit.states)
-                else variable(owner, unit.outputs[i - len(unit.states)].own)
-                for i in members
-            ]
-            kernel = f"k_fmu_{owner.replace('.', '_')}_{k}"
+        for k, (wanted, on, members) in enumerate(_groups(unit)):
+            kernel, answer = f"k_fmu_{owner.replace('.', '_')}_{k}", variable(owner, f"_answer_{k}")
             kernels: dict[str, Any] = work.kernels
-            kernels[kernel] = _Asks(unit, members)
+            kernels[kernel], kernels[f"{kernel}_shown"] = _Asks(unit, wanted, k), _Shows(unit, k)
             given = [
                 repr(v.start) if v in unit.inputs and v.reference not in on else used[v.own]
                 for v in (*unit.states, *unit.inputs, *unit.parameters)
             ]
-            target = ", ".join(results)
-            work.add(f"{target} = {kernel}({', '.join(['t', *given])})", owner)
+            work.add(f"{answer} = {kernel}({', '.join(['t', *given])})", owner)
+            for i in members:
+                of_state = i < len(unit.states)
+                own = unit.states[i].own if of_state else unit.outputs[i - len(unit.states)].own
+                target = variable(owner, "_der", own) if of_state else variable(owner, own)
+                work.add(f"{target} = {kernel}_shown({answer}, {float(i)!r})", owner)
 
     def _step(self, owner: str, work: Assembly, unit: ForeignUnit, used: Mapping[str, str]) -> None:
         """Add what is heard of a unit that is stepped, and what it is given; see `multibody.fmi.communication`."""
@@ -172,30 +172,60 @@ def sensitivity_sources(components: Mapping[str, Component]) -> dict[str, str]:
 
 
 class _Asks:
-    """A function for equations that brings its own text and that of its tangent (`called_functions.kernel_sources`)."""
+    """A function for equations that brings its own text and that of its tangent (`called_functions.kernel_sources`).
 
-    def __init__(self, unit: ForeignUnit, members: tuple[int, ...]) -> None:
+    It asks the unit, and returns what `_Shows` takes values from.
+    """
+
+    returned = 1
+
+    def __init__(self, unit: ForeignUnit, wanted: int, place: int) -> None:
         names = [f"a{k}" for k in range(len(unit.states) + len(unit.inputs) + len(unit.parameters))]
-        self.returned = len(members)
-        first = f"{str(unit.path)!r}, {unit.digest!r}, {members!r}, t, {_tuple(names)}"
         dots = [f"{n}_dot" for n in names]
-        one = "[0]" if self.returned == 1 else ""
-        module = "multibody.fmi.foreign"
-        self._plain = (
-            f"({', '.join(['t', *names])}):\n    from {module} import evaluate\n    return evaluate({first}){one}\n"
-        )
-        self._tangent = (
-            f"({', '.join(['t', *names, 't_dot', *dots])}):\n    from {module} import tangent\n"
-            f"    return tangent({first}, {_tuple(dots)})\n"
-        )
+        self._file = f"({str(unit.path)!r}, {unit.digest!r})"
+        plain = ["t", *names]
+        self._plain = _question(plain, plain, f"{wanted}, {place}", "answer")
+        both = [*plain, *dots]
+        self._tangent = _question([*plain, "t_dot", *dots], both, f"{wanted + SLOPES}, {place}", "answer, answer")
 
     def text(self, name: str) -> str:
         """Return the text of the function under a name."""
-        return f"def {name}{self._plain}"
+        of_unit = f"{name}_key = key_of{self._file}\n{name}_host = host_of{self._file}\n"
+        return f"{ASKS}# {VERSION}\n{of_unit}def {name}{self._plain.format(name)}"
 
     def tangent_text(self, name: str) -> str:
         """Return the text of its tangent under a name."""
-        return f"def {name}{self._tangent}"
+        return f"def {name}{self._tangent.format(name.removesuffix('_tangent'))}"
+
+
+class _Shows:
+    """A function for equations, as `_Asks`: a value of an answer."""
+
+    returned = 1
+
+    def __init__(self, unit: ForeignUnit, place: int) -> None:
+        self._place, self._count = place, len(unit.states) + len(unit.outputs)
+
+    def text(self, name: str) -> str:
+        """Return the text of the function under a name."""
+        return f"def {name}(answer, k):\n    return shown(answer, {self._place}, int(k))\n"
+
+    def tangent_text(self, name: str) -> str:
+        """Return the text of its tangent under a name."""
+        value = f"shown(answer_dot, {self._place}, int(k))"
+        slope = f"slope_shown(answer_dot, {self._place}, int(k), {self._count})"
+        return f"def {name}(answer, k, answer_dot, k_dot):\n    return {value}, {slope}\n"
+
+
+def _question(arguments: list[str], given: list[str], how: str, returned: str) -> str:
+    """Return a function without its name that asks a unit; ``{0}`` stands for the name of its key."""
+    lines = [
+        f"given = room({len(given)})",
+        *(f"given[{k}] = {name}" for k, name in enumerate(given)),
+        f"answer = ask({{0}}_key, {how}, given)",
+        f"return {returned}",
+    ]
+    return f"({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
 
 
 def _starts(unit: ForeignUnit) -> list[float]:
@@ -206,18 +236,18 @@ def _starts(unit: ForeignUnit) -> list[float]:
     return [c if v.computed else v.start for v, c in zip(unit.states, computed, strict=True)]
 
 
-def _tuple(names: list[str]) -> str:
-    return f"({', '.join(names)},)" if names else "()"
+def _groups(unit: ForeignUnit) -> list[tuple[int, frozenset[int], tuple[int, ...]]]:
+    """Return what is asked for at once: the rates, and outputs by the inputs that they depend on.
 
-
-def _groups(unit: ForeignUnit) -> dict[frozenset[int], tuple[int, ...]]:
-    """Return rates and outputs by the inputs that they depend on: rates on all, and so does what says nothing."""
+    Rates depend on all inputs, and so does an output that says nothing.
+    """
     every = frozenset(v.reference for v in unit.inputs)
-    groups: dict[frozenset[int], list[int]] = {every: list(range(len(unit.states)))}
+    groups: dict[frozenset[int], list[int]] = {}
     for k, v in enumerate(unit.outputs):
         on = every if v.depends_on is None else frozenset(v.depends_on)
         groups.setdefault(on, []).append(len(unit.states) + k)
-    return {on: tuple(members) for on, members in groups.items() if members}
+    rates = [(RATES, every, tuple(range(len(unit.states))))] if unit.states else []
+    return rates + [(OUTPUTS, on, tuple(members)) for on, members in groups.items()]
 
 
 @dataclass(frozen=True)
@@ -236,10 +266,13 @@ def _flanges(text: str, unit: ForeignUnit) -> list[_Flange]:
     flanges, faults = [], []
     shown = {n: v for v in (*unit.states, *unit.outputs) for n in (v.name, v.own)}
     driven = {n: v for v in unit.inputs for n in (v.name, v.own)}
+    taken = {v.own for v in (*unit.states, *unit.inputs, *unit.parameters, *unit.outputs)}
     for part in filter(None, (p.strip() for p in text.split(";"))):
         name, _, rest = part.partition(":")
         given = dict(word.partition("=")[::2] for word in rest.split())
         where = f"connection '{name}'"
+        if name.strip() in taken:
+            faults.append(f"{where}: '{unit.name}' has a variable of this name: give the place another")
         if missing := [k for k in _KEYS if k not in given]:
             faults.append(f"{where}: {' and '.join(missing)} missing: say which variable it is")
         faults += [f"{where}: there is no key '{k}'{nearest(k, _KEYS)}" for k in given if k not in _KEYS]

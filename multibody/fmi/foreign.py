@@ -1,29 +1,41 @@
-"""Foreign units at work: each runs in a process of its own, which equations ask for rates, outputs and derivatives."""
+"""Foreign units at work: each runs in a process of its own, which equations ask for rates, outputs and derivatives.
+
+A question takes some hundred microseconds.  Work that asks often, an integration or Jacobians along a trajectory, is
+done in the process of the unit, where the equations around it are compiled as those of any model are.
+"""
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import hashlib
 import os
+import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from multiprocessing import Pipe
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from multibody.base.errors import SimulationError
+from multibody.base.stopping import raise_if_stopped
+from multibody.compile.hosts import Host
+from multibody.fmi.answering import Answer
 from multibody.fmi.foreign_description import ForeignVariable, read_unit
+from multibody.fmi.messages import ANSWER, FAILURE, PIECE, PULSE, REFUSAL, unpacked
 from multibody.fmi.scratch_folder import ScratchFolder
-from multibody.fmi.server import COLUMNS, EVALUATE, START
+from multibody.fmi.server import EVALUATE, GO_ON, START, WORK, WORK_IN_PIECES
 from multibody.fmi.stepping import BEGIN, STEPS
 
-__all__ = ["TIMEOUT", "CoSimulation", "Refusal", "cosimulation", "evaluate", "start_states", "tangent"]
+__all__ = ["TIMEOUT", "CoSimulation", "Refusal", "ask", "cosimulation", "host_of", "key_of", "start_states"]
 
-#: Seconds after which a unit that does not answer counts as hung; an evaluation takes microseconds.
+#: Seconds without an answer and without a sign of life, after which a unit counts as hung.
 TIMEOUT = 60.0
 #: The same for the start of its process, which imports fmpy and loads the unit.
 START_TIMEOUT = 120.0
@@ -31,7 +43,10 @@ START_TIMEOUT = 120.0
 _STEPS_AT_ONCE = 500
 
 _running: dict[tuple[str, str, int], _Process] = {}
+_files: dict[int, tuple[str, str]] = {}
 _lock = threading.RLock()
+#: Seconds after which a thread that waits for an answer looks whether the command is to end.
+_LOOK = 0.5
 
 
 class Refusal(SimulationError):
@@ -39,7 +54,7 @@ class Refusal(SimulationError):
 
 
 class _Process:
-    """A unit's process, and what converts numbers between SI and the unit's own."""
+    """A unit's process; what passes through its connection is said in `multibody.fmi.server`."""
 
     def __init__(self, path: str) -> None:
         self.path = Path(path)
@@ -47,7 +62,7 @@ class _Process:
             raise SimulationError(
                 f"the FMU '{self.path.name}' cannot run: its process inherits a pipe, as on Linux and macOS"
             )
-        self.unit = unit = read_unit(path)
+        self.unit = read_unit(path)
         self.connection, theirs = Pipe()
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         self.folder = ScratchFolder()
@@ -60,92 +75,87 @@ class _Process:
             env=environment,
         )
         theirs.close()
-        known = (*unit.states, *unit.inputs, *unit.parameters)
-        self.known_factor, self.known_offset = _scales(known)
-        rate_factor = np.array([v.factor for v in unit.states])
-        out_factor, out_offset = _scales(unit.outputs)
-        self.factor = np.concatenate([rate_factor, out_factor])
-        self.offset = np.concatenate([np.zeros(rate_factor.size), out_offset])
-        self.point = b""
-        self.values = np.empty(0)
-        self.columns: dict[int, np.ndarray] = {}
-        self.used: set[int] = set()
         try:
-            self._answer(START_TIMEOUT)
-        except SimulationError:
+            with self._one_exchange():
+                self._answer(START_TIMEOUT)
+        except Refusal:  # to begin
             self.stop()
             raise
 
-    def values_at(self, t: float, known: tuple[float, ...]) -> np.ndarray:
-        """Return rates and outputs at a point, SI; the last point is remembered."""
-        point = self._point(t, known)
-        if point != self.point:
-            self._arrive(point, self._ask(EVALUATE + point))
-        return self.values
+    def evaluate(self, wanted: int, given: np.ndarray) -> np.ndarray:
+        """Return what is asked for at a point, SI; see `multibody.fmi.asking`."""
+        return np.frombuffer(self.ask(EVALUATE + np.concatenate([[wanted], given]).tobytes()))
 
-    def slopes_at(self, t: float, known: tuple[float, ...], along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return rates and outputs at a point and their derivatives along a direction, SI.
-
-        Integration along many directions asks for the same columns of the Jacobian at each point: those that the last
-        point needed are fetched together, so that all directions cost one question.
-        """
-        point = self._point(t, known)
-        moved = set(np.flatnonzero(along).tolist())
-        before = self.used if point != self.point else set()
-        have = self.columns if point == self.point else {}
-        if point != self.point or not moved <= have.keys():
-            wanted = sorted((moved | before) - have.keys())
-            answer = self._ask(COLUMNS + point + np.array(wanted, dtype=float).tobytes())
-            count = self.factor.size
-            if point != self.point:
-                self._arrive(point, answer[:count])
-            for j, k in enumerate(wanted):
-                self.columns[k] = answer[(1 + j) * count : (2 + j) * count] * self.factor / self.known_factor[k]
-        self.used |= moved
-        slopes = np.zeros(self.factor.size)
-        for k in moved:
-            slopes += self.columns[k] * along[k]
-        return self.values, slopes
+    def work(self, function: Callable[..., Any], given: tuple[Any, ...], receive: Callable[..., None] | None) -> Any:
+        """Return what a function returns, which runs in the process; see `multibody.compile.hosts.Host.do`."""
+        data = pickle.dumps((function, given))
+        return unpacked(self.ask((WORK if receive is None else WORK_IN_PIECES) + data, receive))
 
     def start(self) -> np.ndarray:
         """Return the states with which the unit starts, SI."""
-        n = len(self.unit.states)
         factor, offset = _scales(self.unit.parameters)
         own = (np.array([v.start for v in self.unit.parameters]) - offset) / factor
-        found = self._ask(START + own.tobytes())
-        return found * self.known_factor[:n] + self.known_offset[:n]
+        factor, offset = _scales(self.unit.states)
+        return np.frombuffer(self.ask(START + own.tobytes())) * factor + offset
 
     def ask_steps(self, request: bytes) -> np.ndarray:
         """Return the answer to a request of `multibody.fmi.stepping`: rows of outputs, SI."""
-        answer = self._ask(request).reshape(-1, len(self.unit.outputs))
-        return answer * self.factor + self.offset
+        factor, offset = _scales(self.unit.outputs)
+        return np.frombuffer(self.ask(request)).reshape(-1, factor.size) * factor + offset
 
-    def _point(self, t: float, known: tuple[float, ...]) -> bytes:
-        own = (np.array(known) - self.known_offset) / self.known_factor
-        return np.concatenate([[t], own]).tobytes()
+    def ask(self, request: bytes, receive: Callable[..., None] | None = None) -> bytes:
+        """Return the answer to a request.
 
-    def _arrive(self, point: bytes, answer: np.ndarray) -> None:
-        self.point, self.values, self.columns = point, answer * self.factor + self.offset, {}
-        self.used = set()
-
-    def _ask(self, request: bytes) -> np.ndarray:
-        try:
+        Raises
+        ------
+        Refusal
+            If the unit answers with an error.
+        SimulationError
+            If the work fails, the process does not answer, or has ended.
+        """
+        with self._one_exchange():
             self.connection.send_bytes(request)
-            return self._answer(TIMEOUT)
-        except (BrokenPipeError, ConnectionError) as error:
-            raise self._died() from error
+            while True:
+                kind, answer = self._answer(TIMEOUT)
+                if kind != PIECE:
+                    return answer
+                if receive is not None:
+                    receive(*unpacked(answer))
+                self.connection.send_bytes(GO_ON)
 
-    def _answer(self, limit: float) -> np.ndarray:
-        if not self.connection.poll(limit):
-            self.stop()
-            raise SimulationError(f"the FMU '{self.path.name}' has not answered for {limit:g} s: it was stopped")
+    @contextlib.contextmanager
+    def _one_exchange(self) -> Iterator[None]:
+        """End the process where an exchange is broken off: what is left of it would be taken for the next answer."""
         try:
-            answer = self.connection.recv_bytes()
-        except (EOFError, ConnectionError) as error:
+            yield
+        except (BrokenPipeError, ConnectionError, EOFError) as error:
             raise self._died() from error
-        if answer[:1] == b"-":
-            raise Refusal(f"the FMU '{self.path.name}' refuses: {answer[1:].decode(errors='replace')}")
-        return np.frombuffer(answer, offset=1) if len(answer) > 1 else np.empty(0)
+        except (Refusal, _Failure):
+            raise  # which is an answer
+        except BaseException:
+            self.stop()
+            raise
+
+    def _answer(self, limit: float) -> tuple[bytes, bytes]:
+        waited_since = time.monotonic()
+        while True:
+            if not self.connection.poll(_LOOK):
+                raise_if_stopped()
+                if time.monotonic() - waited_since > limit:
+                    raise SimulationError(
+                        f"the FMU '{self.path.name}' has not answered for {limit:g} s: it was stopped"
+                    )
+                continue
+            answer = self.connection.recv_bytes()
+            kind, rest = answer[:1], answer[1:]
+            if kind in (ANSWER, PIECE):
+                return kind, rest
+            if kind == REFUSAL:
+                raise Refusal(f"the FMU '{self.path.name}' refuses: {rest.decode(errors='replace')}")
+            if kind == FAILURE:
+                raise _Failure(rest.decode(errors="replace"))
+            if kind == PULSE:
+                waited_since = time.monotonic()
 
     def _died(self) -> SimulationError:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -167,6 +177,10 @@ class _Process:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(5.0)
         self.folder.remove()
+
+
+class _Failure(SimulationError):
+    """Work in the process of a unit fails; the unit is not to blame."""
 
 
 def _scales(variables: tuple[ForeignVariable, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -219,7 +233,7 @@ def cosimulation(path: str, digest: str) -> Iterator[CoSimulation]:
     Raises
     ------
     SimulationError
-        As `evaluate`.
+        As `ask`.
     """
     with _lock:
         yield CoSimulation(_process(path, digest))
@@ -239,24 +253,21 @@ def start_states(path: str, digest: str) -> tuple[float, ...]:
     Raises
     ------
     SimulationError
-        As `evaluate`.
+        As `ask`.
     """
     with _lock:
         return tuple(map(float, _process(path, digest).start()))
 
 
-def evaluate(path: str, digest: str, wanted: tuple[int, ...], t: float, known: tuple[float, ...]) -> tuple[float, ...]:
-    """Return rates and outputs of a unit, SI.
+def key_of(path: str, digest: str) -> int:
+    """Return the number under which equations ask a unit."""
+    key = int(hashlib.sha256(f"{digest} {path}".encode()).hexdigest()[:15], 16)
+    _files[key] = path, digest
+    return key
 
-    Parameters
-    ----------
-    path, digest : str
-        The file, and its digest when the model was built.
-    wanted : tuple of int
-        Places among rates and outputs.
-    t : float, s
-    known : tuple of float
-        States, inputs and parameters, SI.
+
+def ask(key: int, wanted: int, place: int, given: np.ndarray) -> Answer:
+    """Return what a unit answers; arguments as of `multibody.fmi.asking`.
 
     Raises
     ------
@@ -264,14 +275,32 @@ def evaluate(path: str, digest: str, wanted: tuple[int, ...], t: float, known: t
         If the unit refuses, does not answer, or its process has ended.
     """
     with _lock:
-        values = _process(path, digest).values_at(t, known)
-    return tuple(float(values[k]) for k in wanted)
+        return Answer(_process(*_files[key]).evaluate(wanted, given))
 
 
-def tangent(
-    path: str, digest: str, wanted: tuple[int, ...], t: float, known: tuple[float, ...], known_dot: tuple[float, ...]
-) -> tuple[float, ...]:
-    """Return rates and outputs, and then their derivatives along a direction; otherwise as `evaluate`."""
-    with _lock:
-        values, slopes = _process(path, digest).slopes_at(t, known, np.array(known_dot))
-    return tuple(float(values[k]) for k in wanted) + tuple(float(slopes[k]) for k in wanted)
+class _Host:
+    """The process of one file, whenever it runs."""
+
+    def __init__(self, path: str, digest: str) -> None:
+        self.path, self.digest = path, digest
+
+    def do(self, work: Callable[..., Any], *given: Any, receive: Callable[..., None] | None = None) -> Any:
+        """Do work in it: see `multibody.compile.hosts.Host`."""
+        with _lock:
+            return _process(self.path, self.digest).work(work, given, receive)
+
+
+@lru_cache(maxsize=64)
+def host_of(path: str, digest: str) -> Host:
+    """Return the process in which equations with a unit are compiled."""
+    return _Host(path, digest)
+
+
+def _after_fork() -> None:
+    """Take a new lock: a thread that had the old one is not in this process."""
+    global _lock
+    _lock = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)

@@ -1,17 +1,20 @@
 """The process in which a foreign unit runs: it loads the unit, answers requests, and may crash alone.
 
 Started by `multibody.fmi.foreign` as ``python -m multibody.fmi.server FMU FD FOLDER``; the unit is unpacked into the
-folder, which this process removes unless it is killed (then its parent does).  A request is one byte and float64
-numbers: time, states, inputs, parameters, and then, of a Jacobian, the places of the columns wanted among the last
-three; of the start the parameters alone.  Those to a unit that is stepped: see `multibody.fmi.stepping`.  The answer is
-one byte, ``+`` and float64 numbers or ``-`` and a text.  Numbers are those of the unit, not SI.
+folder, which this process removes unless it is killed (then its parent does).
+
+A request is one byte and what belongs to it.  To evaluate, float64 numbers in SI: see
+`multibody.fmi.answering.RunningUnit.answer`.  Of the start, the unit's own numbers of its parameters.  To work, a
+function of this project and its arguments, pickled by the parent: it is run here, where the equations in its arguments
+are compiled.  Requests to a unit that is stepped: see `multibody.fmi.stepping`.  Answers: see `multibody.fmi.messages`.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
+import pickle
 import shutil
+import signal
 import sys
 import threading
 import time
@@ -21,176 +24,107 @@ from typing import Any
 
 import numpy as np
 
+from multibody.fmi.answering import BUSY, COUNT, RunningUnit
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign_description import ForeignUnit, read_unit
-from multibody.fmi.stepping import BEGIN, STEPS, SteppedUnit, references, values_of
+from multibody.fmi.messages import ANSWER, FAILURE, PIECE, PULSE, REFUSAL, packed
+from multibody.fmi.stepping import BEGIN, STEPS, SteppedUnit
 
-__all__ = ["COLUMNS", "EVALUATE", "START", "serve"]
+__all__ = ["EVALUATE", "GO_ON", "START", "WORK", "WORK_IN_PIECES", "serve"]
 
-EVALUATE, COLUMNS, START = b"E", b"C", b"S"
-_STEP = float(np.finfo(float).eps) ** (1 / 3)  # relative step of central differences: truncation against rounding
+EVALUATE, START, WORK, WORK_IN_PIECES, GO_ON = b"E", b"S", b"W", b"V", b"G"
+_EVERY = 1.0  # s between the signs of life while the process works
 
 
 def serve(path: str, connection: Connection, folder: str) -> None:
     """Answer requests until the other side closes the connection."""
     try:
         try:
-            answers = _answers(read_unit(path), folder)
-            connection.send_bytes(b"+")
+            server = _Server(read_unit(path), connection, folder)
+            server.send(ANSWER)
         except Exception as error:
-            connection.send_bytes(b"-" + f"{error}".encode())
+            connection.send_bytes(REFUSAL + f"{error}".encode())
             return
-        while True:
-            try:
-                request = connection.recv_bytes()
-            except EOFError:
-                return
-            try:
-                numbers = np.frombuffer(request, offset=1) if len(request) > 1 else np.empty(0)
-                connection.send_bytes(b"+" + answers[request[:1]](numbers).tobytes())
-            except Exception as error:
-                connection.send_bytes(b"-" + f"{error}".encode())
+        server.answer_all()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _answers(unit: ForeignUnit, folder: str) -> dict[bytes, Callable[[np.ndarray], np.ndarray]]:
-    """Return what answers each request."""
-    if unit.stepped:
+class _Server:
+    """A unit and the connection through which it is asked."""
+
+    def __init__(self, unit: ForeignUnit, connection: Connection, folder: str) -> None:
+        self._connection, self._lock, self._works = connection, threading.Lock(), 0
+        self._running = None if unit.stepped else RunningUnit(unit, folder)
+        self._answers = self._stepped(unit, folder) if self._running is None else self._continuous(self._running)
+        if self._running is not None:
+            threading.Thread(target=self._pulse, args=(self._running.table,), daemon=True).start()
+
+    def _stepped(self, unit: ForeignUnit, folder: str) -> dict[bytes, Callable[[bytes], bytes]]:
         stepped = SteppedUnit(unit, folder)
-        return {BEGIN: stepped.begin, STEPS: stepped.steps}
-    running = _Running(unit, folder)
-    return {EVALUATE: running.evaluate, COLUMNS: running.columns, START: running.start}
+        return {BEGIN: _on_numbers(stepped.begin), STEPS: _on_numbers(stepped.steps)}
+
+    def _continuous(self, running: RunningUnit) -> dict[bytes, Callable[[bytes], bytes]]:
+        def work(request: bytes, *more: Any) -> bytes:
+            self._works += 1
+            try:
+                running.prepare()
+                function, given = pickle.loads(request)
+                result = function(*given, *more)
+            finally:
+                self._works -= 1
+                running.check()
+            return packed(result)
+
+        return {
+            EVALUATE: _on_numbers(running.answer),
+            START: _on_numbers(running.start),
+            WORK: work,
+            WORK_IN_PIECES: lambda request: work(request, self._piece),
+        }
+
+    def send(self, message: bytes) -> None:
+        """Send a message, whole."""
+        with self._lock:
+            self._connection.send_bytes(message)
+
+    def answer_all(self) -> bool:
+        """Answer requests until there are no more, or the other side asks to go on with what has been interrupted."""
+        while True:
+            try:
+                request = self._connection.recv_bytes()
+            except EOFError:
+                return False
+            kind, rest = request[:1], request[1:]
+            if kind == GO_ON:
+                return True
+            try:
+                answer = ANSWER + self._answers[kind](rest)
+            except FmuError as error:
+                answer = REFUSAL + f"{error}".encode()
+            except Exception as error:
+                blamed = FAILURE if kind in (WORK, WORK_IN_PIECES) else REFUSAL
+                answer = blamed + (f"{error}" or type(error).__name__).encode()
+            self.send(answer)
+
+    def _piece(self, *part: Any) -> None:
+        """Hand over a piece of an answer; meanwhile others are answered."""
+        self.send(PIECE + packed(part))
+        if not self.answer_all():
+            os._exit(0)  # nobody wants the rest
+
+    def _pulse(self, table: np.ndarray) -> None:
+        """Give signs of life while there is work, unless the unit is in one call all the time."""
+        count = -1
+        while True:
+            time.sleep(_EVERY)
+            if self._works and not (table[BUSY] and table[COUNT] == count):
+                self.send(PULSE)
+            count = int(table[COUNT])
 
 
-class _Running:
-    """One instance of a unit in Model Exchange, in continuous-time mode between requests."""
-
-    def __init__(self, unit: ForeignUnit, folder: str) -> None:
-        import fmpy
-
-        self.unit = unit
-        fmpy.extract(str(unit.path), folder)
-        self.described = fmpy.read_model_description(folder, validate=False)
-        self.fmu: Any = fmpy.instantiate_fmu(folder, self.described, fmi_type="ModelExchange")
-        self.second = unit.fmi_version == "2.0"
-        self.sizes = [len(g) for g in (unit.states, unit.inputs, unit.parameters)]
-        self.ends = np.cumsum([1, *self.sizes])
-        self.inputs, self.parameters, self.outputs, self.states = (
-            references(g) for g in (unit.inputs, unit.parameters, unit.outputs, unit.states)
-        )
-        groups = (unit.states, unit.inputs, unit.parameters)
-        self.nominal = np.concatenate([[abs(v.start) or 1.0 for v in g] for g in groups])
-        self.p = np.full(len(unit.parameters), np.nan)
-        self.rates, self.x, self.u, self.y = (
-            np.empty(len(g)) for g in (unit.states, unit.states, unit.inputs, unit.outputs)
-        )
-        self.unknown = (ctypes.c_uint32 * (len(unit.rates) + len(self.outputs)))(*unit.rates, *self.outputs)
-        self.known = [v for g in groups for v in g]
-        self.fresh = True
-
-    def _start(self, p: np.ndarray) -> None:
-        """Initialise the instance with these parameters."""
-        fmu = self.fmu
-        if not self.fresh:
-            fmu.reset()
-        self.fresh = False
-        if self.second:
-            fmu.setupExperiment(startTime=0.0)
-            self._set(self.parameters, p)
-            fmu.enterInitializationMode()
-            fmu.exitInitializationMode()
-            again = True
-            while again:
-                again = fmu.newDiscreteStates()[0]
-        else:
-            self._set(self.parameters, p)
-            fmu.enterInitializationMode(startTime=0.0)
-            fmu.exitInitializationMode()
-            again = True
-            while again:
-                again = fmu.updateDiscreteStates()[0]
-        fmu.enterContinuousTimeMode()
-        self.p = p.copy()
-
-    def _set(self, references: list[int], values: np.ndarray) -> None:
-        if references:
-            (self.fmu.setReal if self.second else self.fmu.setFloat64)(references, list(map(float, values)))
-
-    def _go_to(self, numbers: np.ndarray) -> None:
-        """Set time, states, inputs and parameters."""
-        a, b, c, _ = self.ends
-        p = numbers[c:]
-        changed = np.flatnonzero(p != self.p)
-        if self.fresh or any(not self.unit.parameters[k].tunable for k in changed):
-            self._start(p)
-        elif changed.size:
-            self.fmu.enterEventMode()
-            moved = {self.unit.parameters[k].reference for k in changed}  # an array is set as a whole
-            chosen = [k for k, v in enumerate(self.unit.parameters) if v.reference in moved]
-            self._set(references([self.unit.parameters[k] for k in chosen]), p[chosen])
-            again = True
-            while again:
-                again = (self.fmu.newDiscreteStates if self.second else self.fmu.updateDiscreteStates)()[0]
-            self.fmu.enterContinuousTimeMode()
-            self.p = p.copy()
-        self.fmu.setTime(float(numbers[0]))
-        self.x[:] = numbers[a:b]
-        if self.x.size:
-            self.fmu.setContinuousStates(_pointer(self.x), self.x.size)
-        self._set(self.inputs, numbers[b:c])
-
-    def start(self, p: np.ndarray) -> np.ndarray:
-        """Return the states after the unit's own initialization with these parameters."""
-        self._start(p)
-        return values_of(self.fmu, self.states, len(self.unit.states))
-
-    def evaluate(self, numbers: np.ndarray) -> np.ndarray:
-        """Return rates and outputs at time, states, inputs, parameters."""
-        self._go_to(numbers)
-        fmu = self.fmu
-        if self.outputs:  # before the rates: units by OpenModelica compute no outputs once they have computed rates
-            self.y[:] = values_of(fmu, self.outputs, self.y.size)
-        if self.rates.size:
-            (fmu.getDerivatives if self.second else fmu.getContinuousStateDerivatives)(
-                _pointer(self.rates), self.rates.size
-            )
-        return np.concatenate([self.rates, self.y])
-
-    def columns(self, numbers: np.ndarray) -> np.ndarray:
-        """Return rates and outputs, and then columns of their Jacobian one after another."""
-        size = int(self.ends[-1])
-        at, wanted = numbers[:size], numbers[size:].astype(int)
-        first_parameter = int(self.ends[2]) - 1
-        exact = [self.unit.exact_parameters if k >= first_parameter else self.unit.derivatives for k in wanted]
-        differences = {k: self._difference(at, k) for k, e in zip(wanted, exact, strict=True) if not e}
-        value = self.evaluate(at)
-        parts = [self._derivative(k) if e else differences[k] for k, e in zip(wanted, exact, strict=True)]
-        return np.concatenate([value, *parts])
-
-    def _derivative(self, k: int) -> np.ndarray:
-        """Return a column by the unit's own directional derivatives."""
-        out, fmu, n, v = np.empty(self.rates.size + self.y.size), self.fmu, len(self.unknown), self.known[k]
-        known, seed = (ctypes.c_uint32 * 1)(v.reference), (ctypes.c_double * v.size)()
-        seed[v.element] = 1.0
-        if self.second:
-            fmu.fmi2GetDirectionalDerivative(fmu.component, self.unknown, n, known, 1, seed, _pointer(out))
-        else:
-            result = _pointer(out), out.size
-            fmu.fmi3GetDirectionalDerivative(fmu.component, self.unknown, n, known, 1, seed, v.size, *result)
-        return out
-
-    def _difference(self, at: np.ndarray, k: int) -> np.ndarray:
-        """Return a column by central differences."""
-        h = _STEP * max(abs(at[1 + k]), self.nominal[k])
-        above, below = at.copy(), at.copy()
-        above[1 + k] += h
-        below[1 + k] -= h
-        return (self.evaluate(above) - self.evaluate(below)) / (above[1 + k] - below[1 + k])
-
-
-def _pointer(array: np.ndarray) -> Any:
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+def _on_numbers(function: Callable[[np.ndarray], np.ndarray]) -> Callable[[bytes], bytes]:
+    return lambda request: function(np.frombuffer(request) if request else np.empty(0)).tobytes()
 
 
 def _end_with_parent(folder: str) -> None:
@@ -204,6 +138,8 @@ def _end_with_parent(folder: str) -> None:
 
 def _main() -> None:
     os.dup2(2, 1)  # what the unit prints is no answer
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which may still have questions
+    os.environ["VTSDT_COMPILER"] = "emitter"  # a diagnosis has many models, each with the unit's many names in it
     path, descriptor, folder = sys.argv[1:]
     threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
     serve(path, Connection(int(descriptor)), folder)

@@ -103,7 +103,8 @@ def variables_of(system: CompiledSystem, start: np.ndarray, p: np.ndarray, shown
     states, rates = [], []
     for k, q in enumerate(system.states):
         nominal = float(abs(start[k])) or 1.0
-        states.append(_variable(q, x0 + k, "output", start=float(start[k]), nominal=nominal))
+        bounds = {"min": q.min, "max": q.max}
+        states.append(_variable(q, x0 + k, "output", start=float(start[k]), nominal=nominal, **bounds))
         unit = f"({q.unit})/s" if q.unit else "1/s"
         rate = replace(q, name=f"der({q.name})", unit=unit, meaning=f"rate of {q.name}", min=None, max=None)
         depends = references(of_rates.get(k, frozenset()))

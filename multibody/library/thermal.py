@@ -43,7 +43,7 @@ class HeatCapacity(WarmBody):
     """A body of one temperature: capacity · rate of temperature = heat that flows in − heat lost."""
 
     capacity = Parameter(None, "J/K", "heat capacity", min=1e-12)
-    temperature = State("K", "temperature", start=293.15)
+    temperature = State("K", "temperature", start=293.15, min=0.0)
     port = HeatPort("its surface", prescribed=True)
     energy = Energy(meaning="heat stored above 0 K")
 

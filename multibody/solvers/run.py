@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from multibody.base.errors import Stop, StopMessage
 from multibody.solvers.automatic import Automatic
 from multibody.solvers.base import NativeSolver, Samples
 from multibody.solvers.problem import NativeProblem, ProblemError
@@ -77,13 +80,85 @@ def integrate(
     kept = samples is None and t_eval is not None
     if kept:
         samples = Samples(t_eval)
-    solution = solve_ivp(_unused, t_span, y0, samples=samples, **common)
+    if problem.rhs.elsewhere:
+        solution = _elsewhere(problem, t_span, x0, method, samples, options)
+    else:
+        solution = solve_ivp(_unused, t_span, y0, samples=samples, **common)
     if samples is not None:
         solution.longest_step = samples.longest
     if kept and samples is not None:
         solution.t = samples.times[: samples.count]
         solution.y = np.asarray(samples.states[: samples.count].T)
     return solution
+
+
+def _elsewhere(
+    problem: NativeProblem,
+    t_span: tuple[float, float],
+    x0: Any,
+    method: type[NativeSolver],
+    samples: Samples | None,
+    options: dict[str, Any],
+) -> Any:
+    """Return a solution that is integrated in the process in which the equations are compiled."""
+    from scipy.optimize import OptimizeResult
+
+    history, stiff = options.get("history"), options.get("stiff_problem")
+    stiff_problem = stiff and replace(stiff(), explain=None)
+    given = {name: value for name, value in options.items() if name not in ("history", "stiff_problem")}
+    there = replace(problem, explain=None)
+    times = None if samples is None else samples.times
+    if samples is not None:
+        states = samples.begin(problem.size)
+
+    def receive(first: float, piece: np.ndarray) -> None:
+        assert samples is not None
+        begin, end = int(first), int(first) + len(piece)
+        samples.count = end
+        if samples.receive is None:
+            states[begin:end] = piece
+        else:
+            samples.receive(begin, samples.times[begin:end], piece)
+
+    found = problem.rhs.run(_solved, there, t_span, x0, method, times, given, stiff_problem, receive=receive)
+    found["message"] = StopMessage(found["message"], Stop(found.pop("stop")))
+    where = float(found["t"][-1]), found["y"][: problem.n, -1]
+    if found["status"] < 0 and problem.explain is not None and (text := problem.explain(*where)):
+        found["message"] = StopMessage(text, Stop.NOT_FINITE)
+    longest, steps = found.pop("longest"), found.pop("history")
+    if samples is not None:
+        samples.longest = longest
+    if history is not None:
+        history[:] = [(float(t), str(name)) for t, name in steps]
+    whole: Any = OptimizeResult  # SciPy's stubs do not know what solve_ivp puts into it
+    return whole(t_events=None, y_events=None, sol=None, success=found["status"] >= 0, **found)
+
+
+def _solved(
+    problem: NativeProblem,
+    t_span: tuple[float, float],
+    x0: Any,
+    method: type[NativeSolver],
+    times: np.ndarray | None,
+    options: dict[str, Any],
+    stiff_problem: NativeProblem | None,
+    send: Callable[[int, np.ndarray], None],
+) -> dict[str, Any]:
+    """Integrate, and send the states at some times piece by piece."""
+    history: list[tuple[float, str]] = []
+    if stiff_problem is not None:
+        options |= {"stiff_problem": lambda: stiff_problem}
+    if method is Automatic:
+        options |= {"history": history}
+    samples = None if times is None else Samples(times, lambda first, _, states: send(first, states))
+    solution = integrate(problem, t_span, x0, method=method, samples=samples, **options)
+    wanted = ("t", "y", "nfev", "njev", "nlu", "status")
+    return {name: solution[name] for name in wanted} | {
+        "message": str(solution.message),
+        "stop": getattr(solution.message, "stop", Stop.OTHER).value,
+        "longest": 0.0 if samples is None else samples.longest,
+        "history": history,
+    }
 
 
 def _by_scipy(problem: NativeProblem, t_span: tuple[float, float], x0: Any, method: str, **options: Any) -> Any:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.compile.vector_mode import MANY_LANES, along_directions
 from multibody.solvers.kernels import along
 from multibody.system.compiled import CompiledSystem
+from multibody.system.rows import derivative_rows
 
 if TYPE_CHECKING:
     from multibody.solvers.problem import Directions, NativeProblem
@@ -43,27 +43,10 @@ def observe_along(
     shape : ndarray, shape (nt, m)
         What each direction adds to its input.
     """
-    function, m = system.outputs_tangent, directions.count
+    function = system.outputs_tangent
     at = _contiguous(times, states, inputs, rates, p)
-    shape, delays = _contiguous(shape, delays)
-    derivatives = np.empty((times.size, m, len(system.outputs)))
-    wide = along_directions(function, MANY_LANES)
-    if wide is None:
-        room = np.empty(len(system.inputs))
-        along.observe_along(
-            function.address, *at, directions.p_dot, shape, directions.channel, delays, room, derivatives
-        )
-        function.check()
-        return derivatives.transpose(0, 2, 1)
-    room = np.zeros((len(system.states) + len(system.inputs) + len(system.outputs)) * MANY_LANES)
-    for first in range(0, m, MANY_LANES):
-        p_dot = directions.p_dot[first : first + MANY_LANES]
-        lanes = np.zeros((p.size, MANY_LANES))
-        lanes[:, : len(p_dot)] = p_dot.T
-        some = np.empty((times.size, len(p_dot), derivatives.shape[2]))
-        along.observe_lanes_along(wide.address, first, *at, lanes, shape, directions.channel, delays, room, some)
-        derivatives[:, first : first + len(p_dot)] = some
-    return derivatives.transpose(0, 2, 1)
+    given = directions.p_dot, *_contiguous(shape), directions.channel, *_contiguous(delays)
+    return function.run(derivative_rows, function, len(system.outputs), *at, *given)
 
 
 def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:

@@ -23,9 +23,9 @@ from multibody.compile.native import (
     ReturningFunction,
     compile_text,
 )
-from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions, along_states
+from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_states
 from multibody.model.graph import ModelGraph
-from multibody.solvers.kernels.along import lanes_along, rhs_along, tangents_along
+from multibody.system.rows import jacobian_in_lanes, jacobian_rows, output_rows
 
 __all__ = ["CompiledSystem"]
 
@@ -312,39 +312,20 @@ class CompiledSystem:
         if m == 0:  # nothing has to be compiled for it
             return np.empty((times.size, rows, 0))
         # a tangent along states alone does less work, and stiff methods need it in any case
-        by_states = (wrt, of) == ("x", "rhs")
-        wide = self.rhs_columns if by_states else None
-        if wide is None:
-            function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
-            wide = along_directions(function, MANY_LANES)
-        if wide is None:
-            seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
-            seeds[wrt][np.arange(m), chosen] = 1.0
-            derivatives = np.empty((times.size, m, rows))
-            tangents_along(function.address, *at, *seeds.values(), derivatives)
-            function.check()
-            return derivatives.transpose(0, 2, 1)
-        room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
-        group, lane = np.divmod(np.arange(m), wide.lanes)
-        lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
-        lanes[wrt][group, chosen, lane] = 1.0
-        lanes_along(wide.address, *at, *lanes.values(), room, out)
-        return out
+        wide = self.rhs_columns if (wrt, of) == ("x", "rhs") else None
+        if wide is not None:
+            return jacobian_in_lanes(wide, rows, sizes, wrt, chosen, *at)
+        function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
+        return function.run(jacobian_rows, function, rows, sizes, wrt, chosen, *at)
 
     def outputs_along(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the outputs at every row of a trajectory, shape (nt, n_y).
 
         Of several parameter vectors, p (k, n_p), they have the shape (k, nt, n_y).
         """
-        shape = (times.size, len(self.outputs))
-        times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
-        outputs, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
-        work = rhs_along.bound(self.outputs_function.address, times, states, inputs, own, out)
-        for k, values in enumerate(every):
-            own[:] = values
-            work()
-            outputs[k] = out
-        self.outputs_function.check()
+        function = self.outputs_function
+        at = _contiguous(times, states, inputs, np.atleast_2d(p))
+        outputs = function.run(output_rows, function, len(self.outputs), *at)
         return outputs if p.ndim == 2 else outputs[0]
 
     @cached_property

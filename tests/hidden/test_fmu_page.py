@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SECTION = "### From FMU and CSV to the named effect\n"
 
 
-@pytest.mark.slow  # two to eight minutes of questions to the unit's process
+@pytest.mark.slow  # records are made, models of a fresh unit are compiled
 def test_the_pages_example_runs_as_it_stands(tmp_path: Path) -> None:
     """Run it in order: what is to be saved is saved under the last name in the text before it."""
     page = (ROOT / "docs/howto/fmu.md").read_text(encoding="utf-8")
@@ -42,3 +42,19 @@ def test_the_pages_example_runs_as_it_stands(tmp_path: Path) -> None:
     (found,), (hidden,) = diagnosis["effects"], truth["effects"]
     assert diagnosis["verdict"] == "effect found"
     assert (found["kind"], found["where"]) == (hidden["kind"], hidden["where"]) == ("coulomb_friction", "guide")
+
+
+def test_the_unit_as_a_component_runs_as_the_page_has_it(tmp_path: Path) -> None:
+    page = (ROOT / "docs/howto/fmu.md").read_text(encoding="utf-8")
+    snippet = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[-1]
+    assert "Fmu(" in snippet
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    for command in (
+        ["-m", "vtsdt", "export-fmu", "axis", "--out", "axis.fmu"],
+        ["-c", f"{snippet}print(run.times[-1])"],
+    ):
+        done = subprocess.run(
+            [sys.executable, *command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == 1.0

@@ -95,6 +95,20 @@ def test_description_holds_units_bounds_and_structure(axis: System, unit: Path) 
         assert known[f"der({row})"] & set(axis.state_names) == on
 
 
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_bounds_of_states_travel(version: str, tmp_path: Path) -> None:
+    model = Model("oven")
+    body = model.add("body", lib.HeatCapacity(capacity=10.0, loss_conductance=1.0))
+    heater = model.add("heater", lib.HeatSource())
+    model.connect(heater.port, body.port)
+    model.input("heat", heater.heat, default=0.0)
+    path = model.build().to_fmu(tmp_path / "oven.fmu", fmi_version=version, binary=False)
+    state = next(v for v in fmpy.read_model_description(str(path)).modelVariables if v.name == "body.temperature")
+    assert (float(state.min), state.max) == (0.0, None)
+    below = lib.HeatCapacity(capacity=10.0, temperature=-1.0)
+    assert below.faults == ["start value 'temperature' is -1 K, below its least value 0: temperature; choose more"]
+
+
 def test_dependencies_on_inputs_are_those_of_the_jacobian(axis: System, unit: Path) -> None:
     described = fmpy.read_model_description(str(unit))
     x = np.full(len(axis.states), 0.1)

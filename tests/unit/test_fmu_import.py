@@ -10,8 +10,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from discrepancy.questions.plausibility import check_problem
 from discrepancy.rigs.axis_model import build as axis_model
 from multibody import Model
 from multibody.base.errors import SimulationError
+from multibody.base.stopping import Stopped, stoppable
 from multibody.fmi import foreign
 from multibody.fmi.compiler import c_compiler
 from multibody.fmi.component import Fmu, Gap
@@ -108,6 +111,16 @@ def test_without_derivatives_differences_serve(axis: System, second: Path) -> No
     # central differences are right to the power 2/3 of the rounding
     own = axis.jacobian("x", 0.0, x)
     assert np.allclose(system.jacobian("x", 0.0, x), own, rtol=1e-6, atol=1e-7 * np.abs(own).max())
+
+
+def test_a_unit_without_parameters_moves_as_before(axis: System, second: Path) -> None:
+    parameter, constant = 'causality="parameter" variability="tunable"', 'causality="local" variability="constant"'
+    edit(second, lambda xml: xml.replace(parameter, constant))
+    assert not read_unit(second).parameters
+    system = plant_of(second).build()
+    run = system.simulate(T_END, step=STEP, inputs=inputs())
+    own = axis.simulate(T_END, step=STEP, inputs=inputs())
+    assert np.allclose(run["plant.carriage_position"], own["carriage.position"], rtol=1e-9, atol=1e-12)
 
 
 def test_an_effect_acts_at_a_connection(unit: Path) -> None:
@@ -260,6 +273,11 @@ def test_connection_that_does_not_fit(given: dict[str, str], said: str, second: 
         Fmu(second, connections={"guide": given})
 
 
+def test_connection_with_the_name_of_a_variable(second: Path) -> None:
+    with pytest.raises(FmuError, match=r"'carriage_position': .* has a variable of this name"):
+        Fmu(second, connections={"carriage_position": CONNECTION["guide"]})
+
+
 # ---------------------------------------------------------------- a process of its own
 
 
@@ -293,6 +311,112 @@ def test_a_unit_that_hangs_is_stopped(second: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(foreign, "TIMEOUT", 1.0)
     with pytest.raises(SimulationError, match="has not answered for"):
         system.rhs(0.0, np.zeros(5))
+
+
+SLOW = """    for (volatile long k = 0; k < 3000000; k++) {}
+    return STATUS[get_rates(m, rates, n)];"""  # some milliseconds for each evaluation
+
+
+def moved(system: System, until: float = T_END) -> np.ndarray:
+    return np.array(system.simulate(until, step=STEP, inputs=inputs())["plant.carriage_position"])
+
+
+def test_a_crash_while_it_integrates_is_told(second: Path) -> None:
+    replaced(second, "    if (m->now.value[0] > 0.01) abort();\n    return STATUS[get_rates(m, rates, n)];")
+    system = plant_of(second).build()
+    for _ in range(2):  # the second time in a new process
+        with pytest.raises(SimulationError, match="ended by signal 6"):
+            moved(system)
+    assert np.isfinite(moved(system, until=0.005)).all()
+
+
+def test_a_hang_while_it_integrates_is_stopped(second: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = "for (volatile int k = 0;; k++) {}"
+    replaced(second, f"    if (m->now.value[0] > 0.01) {loop}\n    return STATUS[get_rates(m, rates, n)];")
+    system = plant_of(second).build()
+    assert np.isfinite(moved(system, until=0.005)).all()
+    monkeypatch.setattr(foreign, "TIMEOUT", 2.0)
+    with pytest.raises(SimulationError, match="has not answered for"):
+        moved(system)
+
+
+def test_a_unit_that_refuses_while_it_integrates_is_told(second: Path) -> None:
+    replaced(second, "    return m->now.value[0] > 0.01 ? fmi2Error : STATUS[get_rates(m, rates, n)];")
+    with pytest.raises(SimulationError, match="refuses: it answers with status 3"):
+        moved(plant_of(second).build())
+
+
+def test_a_point_that_a_unit_discards_ends_the_step_and_not_the_run(axis: System, second: Path) -> None:
+    once = "    static int k = 0;\n    if (++k == 50) return fmi2Discard;\n    return STATUS[get_rates(m, rates, n)];"
+    replaced(second, once)
+    own = axis.simulate(T_END, step=STEP, inputs=inputs())["carriage.position"]
+    assert np.allclose(moved(plant_of(second).build()), own, atol=1e-4 * np.ptp(own))
+
+
+def test_work_that_takes_long_is_no_hang_and_can_be_stopped(second: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replaced(second, SLOW)
+    system = plant_of(second).build()
+    moved(system, until=STEP)  # compiled
+    monkeypatch.setattr(foreign, "TIMEOUT", 2.0)
+    begun = time.monotonic()
+    times = np.arange(0.0, 1000.0, 0.05)  # evaluations for minutes
+    restless = {"reference.position": (times, 1e-3 * np.sin(20.0 * times))}
+    with pytest.raises(Stopped, match="time limit"), stoppable(5.0):
+        system.simulate(999.0, step=0.1, inputs=restless)
+    assert 5.0 <= time.monotonic() - begun < 30.0
+    assert np.isfinite(moved(system, until=STEP)).all()  # what was broken off is no answer to this
+
+
+def test_threads_take_turns(unit: Path) -> None:
+    system = plant_of(unit).build()
+    alone = moved(system)
+    with ThreadPoolExecutor(4) as threads:
+        for found in threads.map(lambda _: moved(system), range(8)):
+            assert np.array_equal(found, alone)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_has_a_unit_of_its_own(good: Path) -> None:
+    system = plant_of(good).build()
+    alone = moved(system)
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if np.array_equal(moved(system), alone) else 1)
+    assert np.array_equal(moved(system), alone)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def test_ctrl_c_is_for_the_one_who_asks(good: Path) -> None:
+    system = plant_of(good).build()
+    alone = moved(system)
+    process = next(p for p in foreign._running.values() if p.path == good)
+    process.process.send_signal(signal.SIGINT)
+    assert np.array_equal(moved(system), alone)
+    assert process.process.poll() is None
+
+
+PLAIN = """
+import sys
+import numpy as np
+from multibody import Model
+from multibody.fmi.component import Fmu
+model = Model("plant")
+model.add("plant", Fmu(sys.argv[1]))
+system = model.build()
+x = np.linspace(0.1, 0.3, len(system.states))
+run = system.simulate(2e-3, step=1e-3)
+np.save(sys.argv[2], np.concatenate([run["plant.carriage_position"], system.jacobian("x", 0.0, x).ravel()]))
+"""
+
+
+def test_without_compilation_it_is_the_same(good: Path, tmp_path: Path) -> None:
+    found = []
+    for off in ("0", "1"):
+        out = tmp_path / f"{off}.npy"
+        environment = os.environ | {"NUMBA_DISABLE_JIT": off, "PYTHONPATH": str(ROOT)}
+        subprocess.run([sys.executable, "-c", PLAIN, str(good), str(out)], check=True, env=environment)
+        found.append(np.load(out))
+    assert np.allclose(*found, rtol=1e-9, atol=1e-12)
 
 
 ASKS = """

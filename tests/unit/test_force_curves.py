@@ -5,6 +5,8 @@ import pytest
 
 from discrepancy.questions.force_curves import explain_force
 from discrepancy.questions.simple_laws import suggest_laws
+from discrepancy.questions.unknown_force import describe_force
+from discrepancy.stages.force_estimate import ForceEstimate
 from discrepancy.statistics.hat_functions import quantile_knots
 from discrepancy.statistics.periodicity import find_period, split_directions
 from discrepancy.validation import linear_axes
@@ -103,3 +105,28 @@ def test_knots_of_a_machine_that_creeps_before_it_moves_lie_apart() -> None:
 def test_knots_do_not_depend_on_the_unit() -> None:
     values = np.random.default_rng(3).normal(size=500)
     np.testing.assert_allclose(quantile_knots(1e-9 * values, 12), 1e-9 * quantile_knots(values, 12), rtol=1e-9)
+
+
+def test_a_force_at_few_instants_is_not_said_to_follow_anything():
+    n = 50
+    time = np.linspace(0.0, 1.0, n)
+    few = ForceEstimate(
+        where="guide",
+        unit="N",
+        time=time,
+        force=np.sin(time),
+        std=np.ones(n),
+        record=np.zeros(n, dtype=int),
+        motion={"position": time, "speed": np.ones(n), "time": time},
+        units={"position": "m", "speed": "m/s", "time": "s"},
+        memory=0.01,
+        known=0.9,
+        log_likelihood=5.0,
+    )
+    described = describe_force(None, few)  # the search is only told of progress where there is something to do
+    assert described.report is None
+    assert described.sentence == (
+        "The force at guide is estimated at 50 instants, which are too few to say what it depends on (at least 64): "
+        "take longer records."
+    )
+    assert described.to_dict()["depends_on"] is None
