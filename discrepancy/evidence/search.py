@@ -261,7 +261,7 @@ class EvidenceSearch:
             stage = self._best_fit(model, proposal, parent)
             if stage is not None:
                 try:
-                    likelihood = source.neighbour(stage, proposal.noise, grow=proposal.new_noise)
+                    likelihood = source.neighbour(stage, proposal.noise, from_white=proposal.new_noise)
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
                     if math.isfinite(evidence.total):
