@@ -11,7 +11,7 @@ from discrepancy.problem.problem import Problem
 from discrepancy.residual.windows import crop, sub_record
 from estimation.response.experiment import Experiment
 
-__all__ = ["Stretch", "without_stretches"]
+__all__ = ["Stretch", "stretch_of", "stretches_in", "without_stretches"]
 
 LEAST = 100  # samples of a remainder that is worth keeping; chosen: a fit needs some beside the free initial state
 
@@ -35,6 +35,51 @@ class Stretch:
         """Return it for a JSON file; None stands for the record's own beginning or end."""
         start, stop = (None if not np.isfinite(t) else float(t) for t in (self.start, self.stop))
         return {"record": self.record, "start": start, "stop": stop}
+
+    def __str__(self) -> str:
+        if not (np.isfinite(self.start) or np.isfinite(self.stop)):
+            return self.record
+        begin = "its beginning" if not np.isfinite(self.start) else f"{self.start:.4g} s"
+        end = "its end" if not np.isfinite(self.stop) else f"{self.stop:.4g} s"
+        return f"{self.record} from {begin} to {end}"
+
+
+def stretch_of(source: Problem, used: Problem, stretch: Stretch) -> Stretch:
+    """Return a stretch of a record's part, section or window as one of the record itself.
+
+    Parameters
+    ----------
+    source, used : Problem
+        With whole records, and with the parts of them that are used.
+    stretch : Stretch
+        Of a record of either.
+    """
+    known = [e.name for e in (*source.identify, *source.validate)]
+    if stretch.record in known:
+        return stretch
+    times = [e.record.time for e in (*used.identify, *used.validate) if e.name == stretch.record]
+    whole = [n for n in known if stretch.record.startswith((f"{n}, part ", f"{n} ["))]
+    if not times or not whole:
+        return stretch
+    low, high = float(min(t[0] for t in times)), float(max(t[-1] for t in times))
+    return Stretch(max(whole, key=len), max(low, stretch.start), min(high, stretch.stop))
+
+
+def stretches_in(left_out: Sequence[Stretch], wanted: Stretch) -> list[Stretch]:
+    """Return those stretches of a record that lie within wanted times.
+
+    Raises
+    ------
+    KeyError
+        If there is none.
+    """
+    found = [
+        s for s in left_out if s.record == wanted.record and wanted.start <= s.start and s.stop <= wanted.stop
+    ]
+    if not found:
+        given = "; ".join(map(str, left_out)) or "nothing"
+        raise KeyError(f"no stretch of {wanted} is left out: {given} is")
+    return found
 
 
 def without_stretches(problem: Problem, stretches: Sequence[Stretch]) -> Problem:
