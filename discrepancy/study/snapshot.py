@@ -76,6 +76,14 @@ class Snapshot:
         for name in LISTS:
             getattr(study, name)[:] = self[name]
 
+    def differs(self) -> str:
+        """Return in words how its records and priors are not those of the study file; empty where they are."""
+        words = [f"without {s}" for s in self.left_out]
+        for p in self.priors:
+            given = "" if p.value is None else f" {p.value:.4g}"
+            words.append(f"{p.name}{given}" + ("" if p.std is None else f" ± {p.std:.4g}"))
+        return ", ".join(words)
+
     def leads_to(self, other: Snapshot) -> bool:
         """Tell whether another moment has the same stages first, from the same records and priors."""
         same = (self.left_out, self.priors) == (other.left_out, other.priors)

@@ -246,8 +246,10 @@ class Study(SearchState):
             If the value is outside its bounds, or the standard deviation is not positive.
         """
         prior = Prior(name, value, std)
+        with_priors(self.source, [prior])  # refuses what cannot be
         with self._step({"action": "set_prior", **prior.to_dict()}):
-            self._fit_again(self.left_out, [*(p for p in self.priors if p.name != name), prior])
+            stated = [] if value is None and std is None else [prior]
+            self._fit_again(self.left_out, [*(p for p in self.priors if p.name != name), *stated])
         return self.stage
 
     def _fit_again(self, stretches: Sequence[Stretch], priors: Sequence[Prior]) -> None:
@@ -257,7 +259,7 @@ class Study(SearchState):
         for earlier in before:
             current, effects = self.stage, earlier.effects
             name = f"+ {effects[-1]}" if effects else current.name
-            stage = self.fitted(name, effects, current, current.noise)
+            stage = self.fitted(name, effects, current, current.noise, begin=earlier.identify.to_dict())
             self.stages.append(replace(stage, accepted=earlier.accepted))
 
     def begin_with(self, stretches: Sequence[Stretch], priors: Sequence[Prior]) -> None:

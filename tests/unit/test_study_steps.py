@@ -125,11 +125,13 @@ def test_a_stretch_is_left_out_and_everything_is_fitted_again(stepped, tmp_path)
     study.add(NAME)
     before = study.stage
     study.leave_out("run0", 4.0, 6.0)
-    assert [e.name for e in study.problem.identify] == ["run0, part 1", "run0, part 2", "run1"]
+    assert [e.name for e in study.problem.identify] == ["run0 [0..3.99 s]", "run0 [6.01..11.99 s]", "run1"]
     assert [s.name for s in study.stages] == ["as given", "recalibrated", f"+ {NAME}"]
     times = np.concatenate([e.record.time for e in study.problem.identify[:2]])
     assert not np.any((times >= 4.0) & (times <= 6.0))
     assert study.stage.rmse("validate") != before.rmse("validate")
+    for part in ("identify", "validate"):  # the second part begins where the machine was then
+        assert study.stage.rmse(part)["carriage.position"] == pytest.approx(2e-4, rel=0.05)  # the sensor's noise
     path = save_history(study, tmp_path / "history.json")
     again = Study(problem_of())
     restore(again, path)
@@ -153,7 +155,7 @@ def walked(tmp_path_factory):
     seen = [_shown(study)]
     for take in (
         lambda: study.leave_out("run0", 4.0, 6.0),
-        lambda: study.leave_out("run0, part 2", 7.0),
+        lambda: study.leave_out("run0 [6.01..11.99 s]", 9.0),
         lambda: study.set_prior("guide.viscous", 20.0, 2.0),
         lambda: study.diagnose(),
         lambda: study.use_again("run0", 4.0, 6.0),
@@ -208,8 +210,8 @@ def test_steps_of_a_history_are_undone_as_those_just_taken(walked):
 def test_a_part_of_a_record_that_is_left_out_is_one_of_the_record(walked):
     study, seen, _ = walked
     assert [s["record"] for s in study.steps if s["action"] == "leave_out"] == ["run0", "run0", "run1"]
-    assert seen[2][3] == [Stretch("run0", 4.0, 6.0), Stretch("run0", 7.0, 11.99)]
-    assert seen[2][2] == ["run0, part 1", "run0, part 2", "run1", "run2"]
+    assert seen[2][3] == [Stretch("run0", 4.0, 6.0), Stretch("run0", 9.0, 11.99)]
+    assert seen[2][2] == ["run0 [0..3.99 s]", "run0 [6.01..8.99 s]", "run1", "run2"]
 
 
 def test_a_stretch_is_used_again_and_the_fit_is_as_before():
