@@ -69,6 +69,11 @@ class Snapshot:
     def __getitem__(self, name: str) -> Any:
         return self._known()[name]
 
+    def forget_results(self, but: Sequence[Stage]) -> None:
+        """Free what was computed of its stages, except of some: scores and sensitivities take much memory."""
+        for stage in self._values.get("stages", ()):
+            stage.forget_results(but)
+
     def put_back(self, study: Any) -> None:
         """Make a study what it was at this moment."""
         for name in VALUES:

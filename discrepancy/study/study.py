@@ -29,7 +29,7 @@ from discrepancy.study.priors import Prior, with_priors
 from discrepancy.study.snapshot import Snapshot, ends
 from discrepancy.study.unknown import curve_at, force_at
 from discrepancy.study.what_if import simulate_with
-from multibody.base.progress import silent
+from multibody.base.progress import ProgressLine, in_notebook, silent
 from multibody.base.quantity_text import count_text
 from multibody.base.stopping import go_on
 
@@ -102,7 +102,8 @@ class Study(SearchState):
 
     def candidates(self) -> Candidates:
         """Score every candidate on the latest stage, without refits; nothing is added."""
-        return candidates_of(self)
+        with self._progress_shown():
+            return candidates_of(self)
 
     def predict(self, name: str) -> Prediction:
         """Return what a candidate such as ``"coulomb_friction@guide"`` is expected to change, without a simulation."""
@@ -114,7 +115,8 @@ class Study(SearchState):
 
     def explain(self) -> Decision:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
-        return Search(self).explain()
+        with self._progress_shown():
+            return Search(self).explain()
 
     def add(
         self,
@@ -164,7 +166,8 @@ class Study(SearchState):
 
     def unknown_force(self, where: str) -> UnknownForce:
         """Return the force at a place that would explain all of the residual, over time and over what it depends on."""
-        return force_at(self, where)
+        with self._progress_shown():
+            return force_at(self, where)
 
     def add_curve(self, where: str, over: str = "position") -> Stage:
         """Add a force given by points, fit again, and make that the latest stage.
@@ -330,7 +333,8 @@ class Study(SearchState):
         before = Snapshot.of(self)
         self.answer = {}
         try:
-            yield
+            with self._progress_shown():
+                yield
         except BaseException:
             before.put_back(self)
             self.save()  # the step may have saved what it had made until then
@@ -339,6 +343,8 @@ class Study(SearchState):
         self._log(step)
 
     def _keep(self, before: Snapshot) -> None:
+        for earlier in (*self.past, *self.undone):  # `before` keeps them: a step is often undone at once
+            earlier.forget_results([*self.stages, *before.stages])
         self.past.append(before)
         self.cut += self.undone
         self.undone.clear()
@@ -347,8 +353,28 @@ class Study(SearchState):
         self.steps.append(step)
         self.save()
 
+    @contextmanager
+    def _progress_shown(self) -> Iterator[None]:
+        """Show progress below the cell of a notebook, unless another display was asked for."""
+        if self.progress is not silent or not in_notebook():
+            yield
+            return
+        with ProgressLine() as self.progress:
+            try:
+                yield
+            finally:
+                self.progress = silent
+
+    def _begin(self) -> None:
+        with self._progress_shown():
+            super()._begin()
+
     def diagnose(self) -> Conclusion:
         """Search for what the model lacks, as ``problem.search`` says; then conclude."""
+        with self._progress_shown():
+            return self._diagnosed()
+
+    def _diagnosed(self) -> Conclusion:
         self.interrupted, self.interruption, self.untested = False, "", ""
         _ = self.stage  # made on first use
         self._keep(Snapshot.of(self))

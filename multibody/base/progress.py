@@ -12,7 +12,7 @@ from typing import Any
 from multibody.base.compile_events import on_compile
 from multibody.base.terminal_text import printable
 
-__all__ = ["Progress", "ProgressLine", "Step", "silent"]
+__all__ = ["Progress", "ProgressLine", "Step", "in_notebook", "silent"]
 
 #: What a long function calls with a line of text now and then; a `Step` also says which part of the work is done.
 Progress = Callable[[str], None]
@@ -160,7 +160,7 @@ class ProgressLine(AbstractContextManager["ProgressLine"]):
         if self._display is None:
             if sys.stderr.isatty():
                 self._display = _Terminal()
-            elif _in_notebook():
+            elif in_notebook():
                 self._display = _Notebook()
         return self._display
 
@@ -199,7 +199,7 @@ class _Terminal:
         self._status.stop()
 
 
-def _in_notebook() -> bool:
+def in_notebook() -> bool:
     """Tell whether a notebook's kernel runs this process."""
     if "IPython" not in sys.modules:
         return False

@@ -271,6 +271,40 @@ def test_a_step_that_is_stopped_changes_nothing(interrupter):
     assert study.steps == steps
 
 
+def test_scores_of_stages_that_are_two_steps_back_are_freed():
+    study = Study(problem_of())
+    first = study.stage
+    study.candidates()
+    study.add(NAME)
+    study.leave_out("run1")
+    assert first.once(("candidates", study.problem.include), lambda: None) is not None
+    study.use_again("run1")
+    assert first.once(("candidates", study.problem.include), lambda: None) is None
+
+
+def test_a_notebook_shows_progress_below_the_cell(monkeypatch):
+    shown: list[str] = []
+
+    class Below:
+        def show(self, text: str, step: object, notes: str) -> None:
+            shown.append(text)
+
+        def close(self) -> None:
+            shown.append("")
+
+    for module in ("discrepancy.study.study", "multibody.base.progress"):
+        monkeypatch.setattr(f"{module}.in_notebook", lambda: True)
+    monkeypatch.setattr("multibody.base.progress._Notebook", Below)
+    study = Study(problem_of())
+    study.compare()
+    assert shown[0] == "simulate the model as given"
+    assert shown[-1] == ""  # the line is removed again
+    own: list[str] = []
+    Study(problem_of(), progress=own.append).compare()
+    assert own
+    assert shown[-1] == ""
+
+
 def test_the_answer_stays_while_the_stages_are_those_of_it(tmp_path: Path):
     study = Study(problem_of())
     sentence = study.diagnose().sentence

@@ -87,7 +87,11 @@ wb.candidates = (function () {
     wb.chosen.candidate = name;
     show();
     const card = $("candidates").querySelector(".chosen");
-    if (card) card.focus({ preventScroll: true });
+    if (card) {
+      card.focus({ preventScroll: true });
+      const list = $("candidates"), above = card.getBoundingClientRect().top - list.getBoundingClientRect().top;
+      if (above < 0 || above > list.clientHeight / 2) list.scrollTop += above - 8; // the list scrolls, the page does not
+    }
     wb.machine.light(name ? name.slice(name.indexOf("@") + 1) : "");
     try { await wb.views.time(); } catch (error) { wb.complain(error); }
   }

@@ -115,7 +115,7 @@ wb.views = (function () {
   const decades = (u, k, low, high) => {
     const found = [], step = Math.max(1, Math.ceil(Math.log10(high / low) / 6));
     for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e += step) found.push(10 ** e);
-    return found;
+    return found.filter((v) => v > 0.999 * low && v < 1.001 * high);
   };
   const power = (u, ticks) => ticks.map((v) => (v >= 0.01 && v < 1e4 ? String(+v.toPrecision(3)) : `1e${Math.round(Math.log10(v))}`));
   function plot(box, title, series, data, scales, labels, options) {
