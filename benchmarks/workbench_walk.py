@@ -46,6 +46,7 @@ __all__ = [
 PATIENCE = 300.0  # s, for whatever the page computes: computers that run these tests may have other work
 SIZES = {"wide": (1400, 1000), "narrow": (400, 900)}
 FILES = {"model": "model.json", "fmu": ".fmu", "script": "steps.py", "report": "report.html"}
+PICTURES = ("predicted", "branches")  # moments of the walk that the docs show, at both sizes
 COLOURS = 96  # of a picture: text and lines stay sharp, and the file is a third as long
 
 
@@ -363,7 +364,7 @@ def _axis(browser: Browser, folder: Path, pictures: Path | None) -> dict[str, li
             page.wait_for_timeout(500)  # until the figures have taken their new width
 
         def picture(shown: str) -> None:
-            if pictures is None:
+            if pictures is None or shown not in PICTURES:
                 return
             _keep(page, pictures / f"workbench-{shown}.png")
             resize("narrow")
