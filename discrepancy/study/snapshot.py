@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from discrepancy.search.state import SearchState
@@ -37,7 +37,7 @@ class Snapshot:
     priors : tuple of Prior
     make : callable
         Returns a study as it was at that moment; called once, when more than this is wanted.
-    entry : mapping, optional
+    entry : dict, optional
         The moment as a history file has it.
     """
 
@@ -47,7 +47,7 @@ class Snapshot:
         left_out: Sequence[Stretch],
         priors: Sequence[Prior],
         make: Callable[[], SearchState],
-        entry: Mapping[str, Any] | None = None,
+        entry: dict[str, Any] | None = None,
     ):
         self.names, self.left_out, self.priors = tuple(names), tuple(left_out), tuple(priors)
         self.entry = entry

@@ -29,7 +29,7 @@ from discrepancy.study.priors import Prior, with_priors
 from discrepancy.study.snapshot import Snapshot, ends
 from discrepancy.study.unknown import curve_at, force_at
 from discrepancy.study.what_if import simulate_with
-from multibody.base.progress import ProgressLine, in_notebook, silent
+from multibody.base.progress import silent, visible
 from multibody.base.quantity_text import count_text
 from multibody.base.stopping import go_on
 
@@ -356,14 +356,12 @@ class Study(SearchState):
     @contextmanager
     def _progress_shown(self) -> Iterator[None]:
         """Show progress below the cell of a notebook, unless another display was asked for."""
-        if self.progress is not silent or not in_notebook():
-            yield
-            return
-        with ProgressLine() as self.progress:
+        given = self.progress
+        with visible(given) as self.progress:
             try:
                 yield
             finally:
-                self.progress = silent
+                self.progress = given
 
     def _begin(self) -> None:
         with self._progress_shown():

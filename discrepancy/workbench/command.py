@@ -25,8 +25,8 @@ __all__ = ["View", "open_session", "serve", "serve_result"]
 #: From the positions of a page's sliders, by name, to what the page shows.
 View = Callable[[Mapping[str, float]], dict[str, Any]]
 
-#: Seconds after which a thread that computes lets another run; Python's own value is ten times as long.  A request passes
-#: through several threads, and would wait so long at each while candidates are scored in the background.
+#: Seconds after which a thread that computes lets another run; Python's own value is ten times as long.  A request
+#: passes through several threads, and would wait so long at each while candidates are scored in the background.
 SWITCH_INTERVAL = 5e-4
 
 MISSING = (

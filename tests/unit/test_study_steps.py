@@ -292,8 +292,7 @@ def test_a_notebook_shows_progress_below_the_cell(monkeypatch):
         def close(self) -> None:
             shown.append("")
 
-    for module in ("discrepancy.study.study", "multibody.base.progress"):
-        monkeypatch.setattr(f"{module}.in_notebook", lambda: True)
+    monkeypatch.setattr("multibody.base.progress._in_notebook", lambda: True)
     monkeypatch.setattr("multibody.base.progress._Notebook", Below)
     study = Study(problem_of())
     study.compare()
