@@ -368,7 +368,9 @@ def _axis(browser: Browser, folder: Path, pictures: Path | None) -> dict[str, li
                 return
             _keep(page, pictures / f"workbench-{shown}.png")
             resize("narrow")
+            page.evaluate("document.getElementById('figures').scrollIntoView()")
             _keep(page, pictures / f"workbench-{shown}-narrow.png")
+            page.evaluate("scrollTo(0, 0)")
             resize("wide")
 
         seen = walk(page, picture, _say)
