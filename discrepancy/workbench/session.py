@@ -71,6 +71,7 @@ class Session:
         self._comparisons: WeakKeyDictionary[Stage, Comparison] = WeakKeyDictionary()
         self._scored: Candidates | None = None  # of the stage that was scored last
         self._forces: WeakKeyDictionary[Stage, set[str]] = WeakKeyDictionary()  # places whose missing force is known
+        self._kinds: dict[str, Entry] = {}  # laws with their pictures, which take long to draw
         self._building = threading.Lock()  # stages of another branch are built once
         study.progress = self._progress
         study.checkpoint = lambda study: save_history(study, self.history)
@@ -407,8 +408,10 @@ class Session:
 
     def kind(self, name: str) -> Entry:
         """Return the law of a kind in words and its picture as SVG, where there is one."""
-        kind = kind_named(name)
-        return {"law": law_of(kind), "picture": kind_picture(kind) if has_picture(kind) else ""}
+        if name not in self._kinds:
+            kind = kind_named(name)
+            self._kinds[name] = {"law": law_of(kind), "picture": kind_picture(kind) if has_picture(kind) else ""}
+        return self._kinds[name]
 
     def machine(self) -> Entry:
         """Return the graph of the model: its components and their connections."""
