@@ -152,15 +152,16 @@ class Study(SearchState):
             If the machine cannot be simulated with a hundredth of the strengths either.
         """
         step: dict[str, Any] = {"action": "add", "effect": str(effect)}
+        replaced: tuple[Effect, ...] = ()
         if isinstance(effect, str):
             given = {"strength": dict(strength) if isinstance(strength, Mapping) else strength, "shape": shape}
             step |= {k: v for k, v in given.items() if v}
+            with self._progress_shown():
+                effect, replaced = named_effect(self, effect, strength, shape)
         else:
             step |= {"strength": dict(effect.strengths), "shape": dict(effect.shape)}
+            _ = self.stage  # made on first use, and not by this step
         with self._step(step):
-            replaced: tuple[Effect, ...] = ()
-            if isinstance(effect, str):
-                effect, replaced = named_effect(self, effect, strength, shape)
             Search(self).add(effect, accepted, replaced)
         return self.stage
 
@@ -185,8 +186,10 @@ class Study(SearchState):
         KeyError
             If there is no such place, or nothing to be a function of.
         """
+        with self._progress_shown():
+            curve = curve_at(self, where, over)
         with self._step({"action": "add_curve", "where": where, "over": over}):
-            Search(self).add(curve_at(self, where, over), None)
+            Search(self).add(curve, None)
         return self.stage
 
     def leave_out(self, record: str, start: float = -np.inf, stop: float = np.inf) -> Stage:
@@ -337,7 +340,8 @@ class Study(SearchState):
                 yield
         except BaseException:
             before.put_back(self)
-            self.save()  # the step may have saved what it had made until then
+            if self.stages:
+                self.save()  # the step may have saved what it had made until then
             raise
         self._keep(before)
         self._log(step)

@@ -271,6 +271,15 @@ def test_a_step_that_is_stopped_changes_nothing(interrupter):
     assert study.steps == steps
 
 
+def test_a_name_that_is_wrong_costs_no_stage():
+    study = Study(problem_of())
+    with pytest.raises(KeyError, match="did you mean"):
+        study.add("coulomb_friction@guid")
+    assert [s.name for s in study.stages] == ["as given", "recalibrated"]
+    assert study.steps == []
+    assert not study.can_undo
+
+
 def test_scores_of_stages_that_are_two_steps_back_are_freed():
     study = Study(problem_of())
     first = study.stage
