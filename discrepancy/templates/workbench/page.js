@@ -67,12 +67,15 @@
   }
   function showAnswer() {
     const { verdict, sentence, next_measurement: next } = wb.state.conclusion, box = $("verdict");
+    if (box.dataset.said === (sentence || "")) return; // what was opened in it stays open
+    box.dataset.said = sentence || "";
     if (!sentence) { box.replaceChildren(); return; }
     box.replaceChildren(element("p", sentence, { title: verdict || "" }));
     if (next && next.length) {
-      const list = element("ul");
+      const more = element("details"), list = element("ul");
       list.append(...next.map((text) => element("li", text)));
-      box.append(element("p", "To know more:"), list);
+      more.append(element("summary", "What to measure next"), list);
+      box.append(more);
     }
   }
   /* Stretches that are left out and priors that are changed, each with the way back. */
