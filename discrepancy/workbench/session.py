@@ -33,6 +33,7 @@ from multibody.base.quantity_text import unit_text
 __all__ = ["Busy", "Session", "Stopped"]
 
 Entry = dict[str, Any]
+READINGS = 20  # of a state, until one is not interrupted by the beginning of a step
 BRANCHES = ("B", "A")  # names of the lines of two branches, the second first, as it is drawn below
 
 
@@ -232,9 +233,16 @@ class Session:
 
     def state(self) -> Entry:
         """Return everything that the page shows but the figures and the candidates."""
+        for _ in range(READINGS):
+            # first, or a step that ends meanwhile would show the stages before it as what stands after it
+            version, doing = self.version, self._doing
+            found = self._read(version, doing)
+            if self.version == version or (doing and not doing.get("yields")):
+                break  # else a step may have begun meanwhile: what was read is partly from before it
+        return found
+
+    def _read(self, version: int, doing: Entry) -> Entry:
         study = self.study
-        # first, or a step that ends meanwhile would show the stages before it as what stands after it
-        version, doing = self.version, self._doing
         stages = list(study.stages)
         outputs = (
             []
