@@ -9,7 +9,7 @@ run.  A fault is **survived** if
   memory;
 - the same command, given again without the fault (with ``--resume`` where the run had got so far), ends with exit
   code 0 and leaves the very files that it leaves when nothing happens, to the last byte, and no draft.  In
-  ``history.json`` the steps are not compared, because a search that is continued is one step more.
+  ``history.json`` the steps, and what was before each, are not compared: a search that is continued is one step more.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def _content(path: Path) -> bytes:
     if path.name != "history.json":
         return path.read_bytes()
     history = json.loads(path.read_text())
-    return json.dumps({name: value for name, value in history.items() if name != "steps"}).encode()
+    return json.dumps({name: value for name, value in history.items() if name not in ("steps", "past")}).encode()
 
 
 def repaired(bench: Bench, out: Path) -> str:

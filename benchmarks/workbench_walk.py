@@ -1,10 +1,11 @@
 """Walk through the workbench in a browser, as a person does, and measure how long things take.
 
 ``python benchmarks/workbench_walk.py`` writes recordings of a virtual axis with dry friction that its model lacks,
-opens the study, adds the second-best candidate, undoes it, adds the best, lets the search go on, exports, and takes the
-steps again with ``vtsdt diagnose --resume`` and with the exported script.  It prints how long things took, there and on
-two heavier studies; ``--page docs/benchmarks/workbench.md`` writes them into that page, and ``--pictures docs/images``
-makes the pictures of docs/howto/workbench.md.  It needs the packages of the extra ``browser`` and Chromium.
+opens the study, adds the second-best candidate, undoes it, adds the best, looks at both side by side, lets the search
+go on, exports, and takes the steps again with ``vtsdt diagnose --resume`` and with the exported script.  It prints what
+it does and how long things took, there and on two heavier studies; ``--page docs/benchmarks/workbench.md`` writes them
+into that page, and ``--pictures docs/images`` makes the pictures of docs/howto/workbench.md.  ``--only walk``, ``--only
+slider`` and ``--only zoom`` run a part alone.  It needs the packages of the extra ``browser`` and Chromium.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ __all__ = [
 PATIENCE = 300.0  # s, for whatever the page computes: computers that run these tests may have other work
 SIZES = {"wide": (1400, 1000), "narrow": (400, 900)}
 FILES = {"model": "model.json", "fmu": ".fmu", "script": "steps.py", "report": "report.html"}
+PICTURES = ("predicted", "branches")  # moments of the walk that the docs show, at both sizes
 COLOURS = 96  # of a picture: text and lines stay sharp, and the file is a third as long
 
 
@@ -107,6 +109,8 @@ class Seen:
     errors : dict
         Of the outputs as their cards show them, by the moment: ``"begin"``, ``"second"``, ``"undone"``, ``"best"``,
         ``"end"``.
+    branches : list of str
+        What the table of two branches says of the outputs, after the best was added beside the second.
     stages : dict of str to list of str
         Titles of the stages at the same moments.
     candidates : list of str
@@ -120,11 +124,16 @@ class Seen:
     errors: dict[str, dict[str, str]] = field(default_factory=dict)
     stages: dict[str, list[str]] = field(default_factory=dict)
     candidates: list[str] = field(default_factory=list)
+    branches: list[str] = field(default_factory=list)
     measures: dict[str, list[float]] = field(default_factory=dict)
     written: list[str] = field(default_factory=list)
 
 
-def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen:
+def walk(
+    page: Page,
+    picture: Callable[[str], None] = lambda name: None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Seen:
     """Take the whole path on an open page: add the second-best candidate, undo, add the best, search on, export.
 
     Parameters
@@ -132,13 +141,17 @@ def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen
     page : Page
     picture : callable
         Called with the name of what the page shows.
+    say : callable
+        Called with a line for everything that is done.
     """
     seen = Seen()
 
     def look(moment: str) -> None:
+        page.locator("#doing:not(:has(progress))").wait_for()
         cards = page.locator("#errors .panel").all()
         seen.errors[moment] = {c.locator("h3").inner_text(): c.locator(".now").inner_text() for c in cards}
         seen.stages[moment] = page.locator("#stages li").all_inner_texts()
+        say(f"{moment:8} {seen.stages[moment][-1]:50} {seen.errors[moment]}")
 
     def choose(rank: int) -> str:
         card = page.locator(".candidate").nth(rank)
@@ -159,12 +172,15 @@ def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen
         page.reload()
         page.locator("body[data-figures]").wait_for()
         firsts.append(page.evaluate("wb.times.first"))
+        say(f"first picture {firsts[-1]:.0f} ms")
+    page.locator(".candidate").first.wait_for()
     look("begin")
     picture("opened")
     predictions = seen.measures["linear prediction"] = []
     for rank in (0, 1, 0, 1):
         second = choose(rank)
         predictions.append(page.evaluate("wb.times.last"))
+        say(f"linear prediction of {second} {predictions[-1]:.0f} ms")
     page.locator(".candidate.chosen img:visible").wait_for()
     picture("predicted")
     add()
@@ -178,7 +194,13 @@ def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen
     look("best")
     page.locator(".candidate").first.wait_for()
     picture("added")
-    page.locator("#search").click()
+    page.locator('#tabs button[data-view="branches"]').click()
+    page.locator("body[data-branches]").wait_for()
+    seen.branches = page.locator("table.errors tbody tr").all_inner_texts()
+    say(f"two branches: {'; '.join(' '.join(row.split()) for row in seen.branches)}")
+    picture("branches")
+    page.locator('#tabs button[data-view="time"]').click()
+    page.locator("#search:enabled").click()
     page.locator("#verdict:not(:empty)").wait_for()
     page.locator("#search:enabled").wait_for()
     look("end")
@@ -188,6 +210,7 @@ def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen
         page.locator(f"[data-export={what}]").click()
         page.locator("#written", has_text=name).wait_for()
         seen.written += page.locator("#written").inner_text().removeprefix("written: ").split(", ")
+        say(f"written: {seen.written[-1]}")
     return seen
 
 
@@ -239,20 +262,24 @@ def _keep(page: Page, path: Path, *, whole: bool = False) -> None:
     image.quantize(COLOURS).save(path, optimize=True)
 
 
-def _slider(browser: Browser, folder: Path) -> list[float]:
-    """Return how long each position of a slider takes on the lift of 17 states, ms."""
+def _slider(browser: Browser, folder: Path) -> dict[str, list[float]]:
+    """Return how long each position of a slider takes on the lift of 17 states, ms, during the scoring and after it."""
     _bench("lift", "--out", str(folder))
     with workbench(folder / "study.toml", "--out", folder / "out") as (address, _):
         page = page_of(browser, address)
         slider = page.locator("#sliders input[type=range]").first
         slider.wait_for()
-        taken = []
-        for value in range(400, 620, 20):
-            drawn = int(page.locator("body").get_attribute("data-figures") or 0)
-            slider.fill(str(value))
-            page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
-            taken.append(page.evaluate("wb.times.last"))
-    return taken
+        measures: dict[str, list[float]] = {SLIDER_SCORING: [], SLIDER: []}
+        for what, values in ((SLIDER_SCORING, range(400, 500, 20)), (SLIDER, range(500, 720, 20))):
+            if what == SLIDER:
+                page.locator(".candidate").first.wait_for()
+            for value in values:
+                drawn = int(page.locator("body").get_attribute("data-figures") or 0)
+                slider.fill(str(value))
+                page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
+                measures[what].append(page.evaluate("wb.times.last"))
+                _say(f"{what} {measures[what][-1]:.0f} ms")
+    return measures
 
 
 def _zoom(browser: Browser, folder: Path) -> list[float]:
@@ -270,6 +297,7 @@ def _zoom(browser: Browser, folder: Path) -> list[float]:
             page.locator(".zoom-bar button").first.click()
             page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
             taken.append(page.evaluate("wb.times.last"))
+            _say(f"zoom in 1e6 samples {taken[-1]:.0f} ms")
     return taken
 
 
@@ -322,48 +350,66 @@ def write_slide(path: Path, samples: int) -> None:
     np.savetxt(path, np.column_stack([time, force, x]), "%.7g", ",", header="t_s,f_N,x_m", comments="")
 
 
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _axis(browser: Browser, folder: Path, pictures: Path | None) -> dict[str, list[float]]:
+    """Take the whole path on the virtual axis and its replay; return the measures."""
+    _say("write the recordings of a virtual axis")
+    _bench("axis", "--hide", "coulomb_friction@guide", "--seed", "1", "--out", str(folder))
+    out = folder / "out"
+    with workbench(folder / "study.toml", "--out", out) as (address, _):
+        page = page_of(browser, address)
+
+        def resize(size: str) -> None:
+            page.set_viewport_size(dict(zip(("width", "height"), SIZES[size], strict=True)))
+            page.wait_for_timeout(500)  # until the figures have taken their new width
+
+        def picture(shown: str) -> None:
+            if pictures is None or shown not in PICTURES:
+                return
+            _keep(page, pictures / f"workbench-{shown}.png")
+            resize("narrow")
+            page.evaluate("document.getElementById('figures').scrollIntoView()")
+            _keep(page, pictures / f"workbench-{shown}-narrow.png")
+            page.evaluate("scrollTo(0, 0)")
+            resize("wide")
+
+        seen = walk(page, picture, _say)
+    kept = json.loads((out / "history.json").read_text(encoding="utf-8"))["stages"]
+    stages = replayed(folder / "study.toml", out)
+    again = [{p: {n: v["rmse"] for n, v in s[p].items()} for p in ("identify", "validate")} for s in stages]
+    first = [entry["rmse"] for entry in kept]
+    _say(f"replayed by vtsdt diagnose --resume: {'the same' if same_errors(again, first) else 'OTHER'} numbers")
+    by_script = same_errors(replayed_by_script(out / "steps.py"), first)
+    _say(f"replayed by the exported script: {'the same' if by_script else 'OTHER'} numbers")
+    return seen.measures
+
+
 def main() -> None:
     """Take the walk, and print the measures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", metavar="DIR", type=Path, help="make the pictures of the docs in this folder")
     parser.add_argument("--page", metavar="FILE", type=Path, help="write the measures into this page of the docs")
-    parser.add_argument("--walk-only", action="store_true", help="leave out the two heavier studies")
+    parser.add_argument("--only", metavar="PART", choices=PARTS, action="append", help=f"one of {', '.join(PARTS)}")
     args = parser.parse_args()
+    parts = args.only or PARTS
+    if args.page is not None and len(parts) < len(PARTS):
+        parser.error("the page holds the measures of all parts: leave --only out")
     if args.pictures is not None:
         args.pictures.mkdir(parents=True, exist_ok=True)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout
+    measures: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as name, opened() as browser:
         folder = Path(name)
-        _bench("axis", "--hide", "coulomb_friction@guide", "--seed", "1", "--out", str(folder / "axis"))
-        out = folder / "axis" / "out"
-        with workbench(folder / "axis" / "study.toml", "--out", out) as (address, _):
-            page = page_of(browser, address)
-
-            def picture(shown: str) -> None:
-                if args.pictures is None:
-                    return
-                _keep(page, args.pictures / f"workbench-{shown}.png")
-                if shown == "predicted":
-                    page.set_viewport_size(dict(zip(("width", "height"), SIZES["narrow"], strict=True)))
-                    page.wait_for_timeout(500)  # until the figures have taken their new width
-                    _keep(page, args.pictures / "workbench-narrow.png")
-                    page.set_viewport_size(dict(zip(("width", "height"), SIZES["wide"], strict=True)))
-                    page.wait_for_timeout(500)
-
-            seen = walk(page, picture)
-        kept = json.loads((out / "history.json").read_text(encoding="utf-8"))["stages"]
-        stages = replayed(folder / "axis" / "study.toml", out)
-        again = [{p: {n: v["rmse"] for n, v in s[p].items()} for p in ("identify", "validate")} for s in stages]
-        first = [entry["rmse"] for entry in kept]
-        same, by_script = same_errors(again, first), same_errors(replayed_by_script(out / "steps.py"), first)
-        for moment, titles in seen.stages.items():
-            print(f"{moment:8} {titles[-1]:50} {seen.errors[moment]}")
-        print(f"replayed by vtsdt diagnose --resume: {'the same numbers' if same else 'OTHER NUMBERS'}")
-        print(f"replayed by the exported script: {'the same numbers' if by_script else 'OTHER NUMBERS'}")
-        if not args.walk_only:
-            seen.measures["slider on the lift of 17 states"] = _slider(browser, folder / "lift")
-            seen.measures["zoom in 1e6 samples"] = _zoom(browser, folder / "long")
-    lines = [_line(what, taken) for what, taken in seen.measures.items()]
+        if "walk" in parts:
+            measures |= _axis(browser, folder / "axis", args.pictures)
+        if "slider" in parts:
+            measures |= _slider(browser, folder / "lift")
+        if "zoom" in parts:
+            measures["zoom in 1e6 samples"] = _zoom(browser, folder / "long")
+    lines = [_line(what, taken) for what, taken in measures.items()]
     print(*lines, sep="\n")
     if args.page is not None:
         text = args.page.read_text(encoding="utf-8")
@@ -375,11 +421,15 @@ def main() -> None:
         args.page.write_text(f"{before}{begin}{table}\n{end}{rest.split(end)[1]}", encoding="utf-8")
 
 
+PARTS = ("walk", "slider", "zoom")
+SLIDER = "slider on the lift of 17 states"
+SLIDER_SCORING = f"{SLIDER}, while candidates are scored"
 #: What is measured, ms at most as it was asked for, by name.
 ASKED = {
     "first picture": 2000,
     "linear prediction": 200,
-    "slider on the lift of 17 states": 100,
+    SLIDER: 100,
+    SLIDER_SCORING: 100,
     "zoom in 1e6 samples": 200,
 }
 HEAD = ("| what | median [ms] | fastest to slowest [ms] | times | asked for [ms] |", "|---|---:|---:|---:|---:|")

@@ -110,9 +110,14 @@ class NextMeasurement:
     why_not: str = ""
 
     @property
+    def purpose(self) -> str:
+        """What it is for."""
+        return f"To tell {self.titles[0]} from {self.titles[1]}"
+
+    @property
     def sentence(self) -> str:
         """What to do, in a sentence or two."""
-        purpose = f"To tell {self.titles[0]} from {self.titles[1]}"
+        purpose = self.purpose
         if not self.proposals:
             return f"{purpose}: {self.why_not}."
         top = self.proposals[0]

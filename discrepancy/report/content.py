@@ -103,7 +103,7 @@ def _summary(conclusion: Conclusion, outputs: list[str]) -> Entry:
     for output in outputs[:6]:
         unit = conclusion.final.system.unit(output)
         ratio = new[output] / old[output] if old[output] > 0.0 else 1.0
-        changed = conclusion.final is not conclusion.baseline
+        changed, differs = conclusion.final is not conclusion.baseline, abs(ratio - 1.0) >= 0.005
         before, after = two_quantities_text(old[output], new[output], unit)
         bars.append(
             {
@@ -111,14 +111,19 @@ def _summary(conclusion: Conclusion, outputs: list[str]) -> Entry:
                 "before": before,
                 "after": after if changed else "",
                 "width": f"{100.0 * min(1.0, ratio):.0f}",
-                "change": f"{100.0 * (ratio - 1.0):+.0f} %".replace("-", "−"),
-                "worse": ratio > 1.0,
+                "change": f"{100.0 * (ratio - 1.0):+.0f} %".replace("-", "−") if differs else "unchanged",
+                "worse": differs and ratio > 1.0,
             }
         )
-    todo = [f"{_sentence(kind_text(a.effect.kind).title)}: {kind_text(a.effect.kind).confirm}" for a in accepted]
+    measure = list(conclusion.next_measurement)[:2]
+    todo = [
+        f"{_sentence(kind_text(a.effect.kind).title)}: {kind_text(a.effect.kind).confirm}"
+        for a in accepted
+        if not any(kind_text(a.effect.kind).confirm in text for text in measure)
+    ]
     if conclusion.verdict == "unknown effect":
         todo.append(_UNKNOWN.confirm)
-    todo += list(conclusion.next_measurement)[:2]
+    todo += measure
     if not todo and conclusion.verdict:
         todo.append("Nothing: the model explains these records as well as their sensors allow to tell.")
     if not conclusion.verdict:

@@ -59,6 +59,7 @@ def fitted_stage(
     calibrated: bool = True,
     trial: bool = False,
     from_prior: bool = False,
+    begin: Mapping[str, float] | None = None,
     values: FittedValues | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Stage:
@@ -82,6 +83,8 @@ def fitted_stage(
         A quicker fit, without the records held out.
     from_prior : bool
         Begin at the given values of the uncertain parameters and the initial states that the sensors show.
+    begin : mapping of str to float, optional
+        Values of parameters where the fit begins; default: those of ``start``.
     values : FittedValues, optional
         The result of an earlier fit: nothing is fitted to the records for identification then.
     progress : callable
@@ -94,7 +97,8 @@ def fitted_stage(
     slim = model.build(probes=True, outputs=measured)
     sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
     parameters = list(problem.uncertain) if calibrated else []
-    begin = start.identify.to_dict() if start is not None else {}
+    if begin is None:
+        begin = start.identify.to_dict() if start is not None else {}
     own = _own(start.identify) if start is not None else None
     scale = start.identify.scale if trial and start is not None else None
     if from_prior:
@@ -113,7 +117,7 @@ def fitted_stage(
         scale=scale,
         max_evaluations=20 if trial else 40,
     )
-    shapes = _shapes_never_fitted(effects, start) if values is None else frozenset()
+    shapes = _shapes_never_fitted(effects, begin) if values is None else frozenset()
     if shapes:
         held = [p for p in parameters if p.name not in shapes]
         accumulates = start is not None and start.disturbance is not None
@@ -121,7 +125,7 @@ def fitted_stage(
             part = [_first_part(e, share) for e in problem.identify]
             first = fit(part, held, start=[begin.get(p.name, p.value) for p in held], own=own)
             if not first.at_bound:
-                begin, own = begin | first.to_dict(), _own(first)
+                begin, own = {**begin, **first.to_dict()}, _own(first)
     calibration = fit(
         problem.identify,
         parameters,
@@ -188,15 +192,14 @@ def with_validation(problem: Problem, stage: Stage) -> Stage:
     return replace(stage, validate=validation)
 
 
-def _shapes_never_fitted(effects: Sequence[Effect], start: Stage | None) -> frozenset[str]:
+def _shapes_never_fitted(effects: Sequence[Effect], begin: Mapping[str, float]) -> frozenset[str]:
     """Return the shapes of laws that are not in the model where the fit begins.
 
     Their strengths are fitted first.  A strength from a linear prediction is coarse, and beside a coarse strength a
     shape runs into a minimum of its own: the order of an angle's harmonic turns its phase along the whole record.
     """
-    known = start.identify.to_dict() if start is not None else {}
     names = (e.parameter_name(shape) for e in effects for shape in e.definition.free_shapes)
-    return frozenset(name for name in names if name not in known)
+    return frozenset(name for name in names if name not in begin)
 
 
 def _first_part(experiment: Experiment, share: float) -> Experiment:

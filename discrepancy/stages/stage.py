@@ -187,6 +187,11 @@ class Stage:
         """Return the same stage with nothing computed of it yet."""
         return replace(self, _results={})
 
+    def forget_results(self, but: Sequence[Stage]) -> None:
+        """Free what was computed of this stage, unless it is one of some stages or shares its results with one."""
+        if all(s._results is not self._results for s in but):
+            self._results.clear()
+
     def once(self, key: Any, compute: Callable[[], Result]) -> Result:
         """Return something that is computed of this stage, once; ``key`` begins with a word of its own."""
         if key not in self._results:

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from discrepancy.effects.effect import Effect
+from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.problem.tables import MOST_ROWS
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.study.left_out import Stretch
 from discrepancy.study.priors import Prior
+from discrepancy.study.snapshot import Snapshot
 from discrepancy.study.study import Study
 from multibody.base.json_file import write_json_atomically
 from multibody.machine.model import Model
@@ -28,6 +30,10 @@ from multibody.machine.model import Model
 __all__ = ["SCHEMA", "fingerprint", "restore", "save_history"]
 
 SCHEMA = 1
+#: Moments of a study beside the latest.
+MOMENTS = ("past", "undone", "cut")
+#: Stages by what defines them.
+Made = dict[str, Stage]
 
 
 def fingerprint(study: Study) -> str:
@@ -88,8 +94,27 @@ def _entry(stage: Stage) -> dict[str, Any]:
     }
 
 
+def _moment(at: Snapshot) -> dict[str, Any]:
+    """Return what defines a study at a moment."""
+    return {
+        "settled": not at["elimination_pending"],
+        "in_windows_instead": at["prepared"].reason if at["in_windows_instead"] else "",
+        "left_out": [s.to_dict() for s in at.left_out],
+        "priors": [p.to_dict() for p in at.priors],
+        "stages": [_entry(s) for s in at.stages],
+        "answer": dict(at["answer"]),
+    }
+
+
+def _kept(at: Snapshot) -> dict[str, Any]:
+    """Return the entry of an earlier moment, which never changes."""
+    if at.entry is None:
+        at.entry = _moment(at)
+    return at.entry
+
+
 def save_history(state: Study, path: str | Path) -> Path:
-    """Write the stages of a study, and whether backward elimination is pending; return the path."""
+    """Write the stages of a study, its steps, and what undoing and redoing them leads to; return the path."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
@@ -98,12 +123,9 @@ def save_history(state: Study, path: str | Path) -> Path:
         "file": str(state.problem.path.resolve()) if state.problem.path is not None else None,
         "fingerprint": fingerprint(state),
         "seed": state.problem.seed,
-        "settled": not state.elimination_pending,
-        "in_windows_instead": state.mode_reason if state.in_windows_instead else "",
         "steps": state.steps,
-        "left_out": [s.to_dict() for s in state.left_out],
-        "priors": [p.to_dict() for p in state.priors],
-        "stages": [_entry(s) for s in state.stages],
+        **_moment(Snapshot.of(state)),
+        **{name: [_kept(at) for at in getattr(state, name)] for name in MOMENTS},
     }
     return write_json_atomically(path, content)
 
@@ -153,31 +175,61 @@ def restore(state: Study, path: str | Path) -> None:
                 f"{content.get('seed')}): use the study as it was, or start again in another folder"
             ]
         )
-    if content.get("left_out") or content.get("priors"):
-        stretches = [_stretch(entry) for entry in content.get("left_out", [])]
-        state.begin_with(stretches, [Prior(**entry) for entry in content.get("priors", [])])
     state.steps[:] = content.get("steps", [])
+    made: Made = {}
+    _take_up(state, path, content, made)
+    for name in MOMENTS:
+        getattr(state, name)[:] = [_later(state.source, path, entry, made) for entry in content.get(name, [])]
+
+
+def _later(source: Problem, path: str | Path, entry: dict[str, Any], made: Made) -> Snapshot:
+    """Return another moment of a history, which is built when it is wanted."""
+
+    def built() -> Study:
+        study = Study(source)
+        _take_up(study, path, entry, made)
+        return study
+
+    names = [stage.get("name", "") for stage in entry["stages"]]
+    return Snapshot(names, *_used(entry), built, entry)
+
+
+def _used(entry: dict[str, Any]) -> tuple[list[Stretch], list[Prior]]:
+    """Return what is left out and which priors are others at a moment."""
+    return [_stretch(e) for e in entry.get("left_out", [])], [Prior(**e) for e in entry.get("priors", [])]
+
+
+def _take_up(state: Study, path: str | Path, content: dict[str, Any], made: Made) -> None:
+    """Build the stages of a moment in a study without stages; those that stood at another moment too are made once."""
+    left_out, priors = _used(content)
+    if left_out or priors:
+        state.begin_with(left_out, priors)
     state.prepare()
-    if content.get("in_windows_instead") and state.cut_into_windows() and state.prepared is not None:
-        state.prepared = dataclasses.replace(state.prepared, reason=content["in_windows_instead"])
+    windows = content.get("in_windows_instead", "")
+    if windows and state.cut_into_windows() and state.prepared is not None:
+        state.prepared = dataclasses.replace(state.prepared, reason=windows)
     state.stages.clear()
     for k, entry in enumerate(content["stages"]):
-        state.progress(f"restore stage '{entry.get('name', k)}'")
-        try:
-            stage = state.restored(
-                entry["name"],
-                tuple(_effect(e) for e in entry["effects"]),
-                entry["values"],
-                [np.array(list(own.values()), dtype=float) for own in entry["own"]],
-                entry["scale"],
-                entry["noise"],
-                moved=k > 0,
-            )
-            accepted = _accepted(entry["accepted"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise StudyError([f"{path}: stage {k} is damaged: {type(error).__name__}: {error}"]) from error
-        state.stages.append(dataclasses.replace(stage, accepted=accepted, notes=tuple(entry["notes"])))
+        key = json.dumps([content.get("left_out", []), content.get("priors", []), windows, k, entry])
+        if key not in made:
+            state.progress(f"restore stage '{entry.get('name', k)}'")
+            try:
+                stage = state.restored(
+                    entry["name"],
+                    tuple(_effect(e) for e in entry["effects"]),
+                    entry["values"],
+                    [np.array(list(own.values()), dtype=float) for own in entry["own"]],
+                    entry["scale"],
+                    entry["noise"],
+                    moved=k > 0,
+                )
+                accepted = _accepted(entry["accepted"])
+            except (KeyError, TypeError, ValueError) as error:
+                raise StudyError([f"{path}: stage {k} is damaged: {type(error).__name__}: {error}"]) from error
+            made[key] = dataclasses.replace(stage, accepted=accepted, notes=tuple(entry["notes"]))
+        state.stages.append(made[key])
     state.elimination_pending = not content["settled"]
+    state.answer = content.get("answer", {})
 
 
 def _stretch(entry: dict[str, Any]) -> Stretch:

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discrepancy.problem.problem import Problem
-from discrepancy.residual.windows import crop, sub_record
+from discrepancy.residual.initial_state import estimate_states
+from discrepancy.residual.windows import crop, sub_record, window
 from estimation.response.experiment import Experiment
+from multibody.base.errors import SimulationError
 
-__all__ = ["Stretch", "without_stretches"]
+__all__ = ["Stretch", "stretch_of", "stretches_in", "without_stretches"]
 
 LEAST = 100  # samples of a remainder that is worth keeping; chosen: a fit needs some beside the free initial state
 
@@ -36,6 +38,49 @@ class Stretch:
         start, stop = (None if not np.isfinite(t) else float(t) for t in (self.start, self.stop))
         return {"record": self.record, "start": start, "stop": stop}
 
+    def __str__(self) -> str:
+        if not (np.isfinite(self.start) or np.isfinite(self.stop)):
+            return self.record
+        begin = "its beginning" if not np.isfinite(self.start) else f"{self.start:.4g} s"
+        end = "its end" if not np.isfinite(self.stop) else f"{self.stop:.4g} s"
+        return f"{self.record} from {begin} to {end}"
+
+
+def stretch_of(source: Problem, used: Problem, stretch: Stretch) -> Stretch:
+    """Return a stretch of a record's part, section or window as one of the record itself.
+
+    Parameters
+    ----------
+    source, used : Problem
+        With whole records, and with the parts of them that are used.
+    stretch : Stretch
+        Of a record of either.
+    """
+    known = [e.name for e in (*source.identify, *source.validate)]
+    if stretch.record in known:
+        return stretch
+    times = [e.record.time for e in (*used.identify, *used.validate) if e.name == stretch.record]
+    whole = [n for n in known if stretch.record.startswith(f"{n} [")]
+    if not times or not whole:
+        return stretch
+    low, high = float(min(t[0] for t in times)), float(max(t[-1] for t in times))
+    return Stretch(max(whole, key=len), max(low, stretch.start), min(high, stretch.stop))
+
+
+def stretches_in(left_out: Sequence[Stretch], wanted: Stretch) -> list[Stretch]:
+    """Return those stretches of a record that lie within wanted times.
+
+    Raises
+    ------
+    KeyError
+        If there is none.
+    """
+    found = [s for s in left_out if s.record == wanted.record and wanted.start <= s.start and s.stop <= wanted.stop]
+    if not found:
+        given = "; ".join(map(str, left_out)) or "nothing"
+        raise KeyError(f"no stretch of {wanted} is left out: {given} is")
+    return found
+
 
 def without_stretches(problem: Problem, stretches: Sequence[Stretch]) -> Problem:
     """Return a problem without some stretches of its records; a record is divided where its middle is left out.
@@ -53,14 +98,15 @@ def without_stretches(problem: Problem, stretches: Sequence[Stretch]) -> Problem
             raise KeyError(f"there is no record '{s.record}' in this study: take one of {', '.join(known)}")
         if not s.start < s.stop:
             raise ValueError(f"{s.record}: the stretch from {s.start:g} s to {s.stop:g} s is empty")
-    identify = tuple(part for e in problem.identify for part in _parts(e, stretches))
+    identify = tuple(part for e in problem.identify for part in _parts(e, stretches, problem))
     if not identify:
         raise ValueError("nothing would be left to fit: keep a part of one identification record at least")
-    validate = tuple(part for e in problem.validate for part in _parts(e, stretches))
+    validate = tuple(part for e in problem.validate for part in _parts(e, stretches, problem))
     return replace(problem, identify=identify, validate=validate)
 
 
-def _parts(experiment: Experiment, stretches: Sequence[Stretch]) -> list[Experiment]:
+def _parts(experiment: Experiment, stretches: Sequence[Stretch], problem: Problem) -> list[Experiment]:
+    """Return what is used of a record; a part that begins later than the record starts from a state of its own."""
     mine = [s for s in stretches if s.record == experiment.name]
     if not mine:
         return [experiment]
@@ -70,10 +116,21 @@ def _parts(experiment: Experiment, stretches: Sequence[Stretch]) -> list[Experim
     for s in mine:
         kept &= (time < s.start) | (time > s.stop)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(int)))
-    ranges = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST]
-    name = experiment.name
-    parts = []
-    for k, (a, b) in enumerate(ranges, 1):
-        own = name if len(ranges) == 1 else f"{name}, part {k}"
-        parts.append(replace(experiment, record=sub_record(experiment.record, slice(int(a), int(b)), own)))
-    return parts
+    ranges = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST]
+    if not any(a for a, _ in ranges):
+        return [replace(experiment, record=sub_record(experiment.record, slice(*r), experiment.name)) for r in ranges]
+    if problem.model.stepped_part:
+        raise ValueError(
+            f"{experiment.name}: a unit that steps itself cannot begin in mid-record: leave the end of the record out, "
+            "or all of it"
+        )
+    system = problem.model.build(outputs=experiment.outputs)
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
+    try:
+        states = estimate_states(experiment, system, p)
+    except SimulationError as error:
+        raise ValueError(
+            f"{experiment.name}: the model cannot be simulated up to the middle of this record, where it would begin: "
+            f"leave the end of the record out, or all of it ({error})"
+        ) from None
+    return [window(states, slice(*r), named=len(ranges) > 1) for r in ranges]

@@ -40,14 +40,16 @@ def _line(step: Mapping[str, Any]) -> str:
     if action == "add":
         options = "".join(f", {k}={step[k]!r}" for k in ("strength", "shape") if step.get(k))
         return f"study.add({step['effect']!r}{options})"
-    if action == "leave_out":
+    if action in ("leave_out", "use_again"):
         options = "".join(f", {k}={step[k]!r}" for k in ("start", "stop") if step.get(k) is not None)
-        return f"study.leave_out({step['record']!r}{options})"
+        return f"study.{action}({step['record']!r}{options})"
     if action == "set_prior":
         options = "".join(f", {k}={step[k]!r}" for k in ("value", "std") if step.get(k) is not None)
         return f"study.set_prior({step['name']!r}{options})"
     if action == "add_curve":
         return f"study.add_curve({step['where']!r}, {step['over']!r})"
+    if action == "switch":
+        return f"study.switch({step['branch']!r})"
     return f"study.{action}()"
 
 
@@ -68,17 +70,19 @@ def replay(study: Any, steps: Sequence[Mapping[str, Any]]) -> None:
         action = step["action"]
         if action == "add":
             study.add(step["effect"], strength=step.get("strength"), shape=step.get("shape"))
-        elif action == "leave_out":
+        elif action in ("leave_out", "use_again"):
             times = {k: step[k] for k in ("start", "stop") if step.get(k) is not None}
-            study.leave_out(step["record"], **times)
+            getattr(study, action)(step["record"], **times)
         elif action == "set_prior":
             study.set_prior(step["name"], step.get("value"), step.get("std"))
         elif action == "add_curve":
             study.add_curve(step["where"], step["over"])
+        elif action == "switch":
+            study.switch(step["branch"])
         elif action in ("undo", "redo"):
             getattr(study, action)()
         elif action == "search":
             study.diagnose()
         else:
-            known = "add, add_curve, undo, redo, leave_out, set_prior, search"
+            known = "add, add_curve, undo, redo, switch, leave_out, use_again, set_prior, search"
             raise ValueError(f"'{action}' is no step of a study: take one of {known}")

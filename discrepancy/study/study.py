@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,11 +24,12 @@ from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect
 from discrepancy.study.choice import is_by_evidence
-from discrepancy.study.left_out import Stretch, without_stretches
+from discrepancy.study.left_out import Stretch, stretch_of, stretches_in, without_stretches
 from discrepancy.study.priors import Prior, with_priors
+from discrepancy.study.snapshot import Snapshot, ends
 from discrepancy.study.unknown import curve_at, force_at
 from discrepancy.study.what_if import simulate_with
-from multibody.base.progress import silent
+from multibody.base.progress import silent, visible
 from multibody.base.quantity_text import count_text
 from multibody.base.stopping import go_on
 
@@ -43,7 +45,8 @@ class Study(SearchState):
     """A model compared with records, and every stage of the search for what it lacks.
 
     Make one with `Study.from_file`, then call `diagnose`, or take the steps yourself: `compare`, `locate`,
-    `candidates`, `predict`, `explain`, `add`, `undo`, `redo`, `leave_out`.  `plot` and `report` show where it stands.
+    `candidates`, `predict`, `explain`, `add`, `leave_out`, `use_again`, `set_prior`, `undo`, `redo`, `switch`.  `plot`
+    and `report` show where it stands.
     Parameters and attributes are those of `discrepancy.search.state.SearchState` and these:
 
     Parameters
@@ -54,6 +57,10 @@ class Study(SearchState):
         Stretches of records that are not used.
     priors : list of Prior
         Priors of uncertain parameters that are not as the study file has them.
+    answer : mapping
+        ``verdict``, ``sentence`` and ``next_measurement`` of the latest conclusion, while the stages are those of it.
+    past, undone, cut : list of Snapshot
+        The study before each step, after each step that was undone, and what could no longer be redone.
 
     Attributes
     ----------
@@ -64,11 +71,14 @@ class Study(SearchState):
     steps: list[dict[str, Any]] = field(default_factory=list, kw_only=True)
     left_out: list[Stretch] = field(default_factory=list, kw_only=True)
     priors: list[Prior] = field(default_factory=list, kw_only=True)
+    answer: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
+    past: list[Snapshot] = field(default_factory=list, kw_only=True)
+    undone: list[Snapshot] = field(default_factory=list, kw_only=True)
+    cut: list[Snapshot] = field(default_factory=list, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.source = self.problem
-        self._undone: list[Stage] = []
 
     @classmethod
     def from_file(
@@ -92,7 +102,8 @@ class Study(SearchState):
 
     def candidates(self) -> Candidates:
         """Score every candidate on the latest stage, without refits; nothing is added."""
-        return candidates_of(self)
+        with self._progress_shown():
+            return candidates_of(self)
 
     def predict(self, name: str) -> Prediction:
         """Return what a candidate such as ``"coulomb_friction@guide"`` is expected to change, without a simulation."""
@@ -104,7 +115,8 @@ class Study(SearchState):
 
     def explain(self) -> Decision:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
-        return Search(self).explain()
+        with self._progress_shown():
+            return Search(self).explain()
 
     def add(
         self,
@@ -140,21 +152,23 @@ class Study(SearchState):
             If the machine cannot be simulated with a hundredth of the strengths either.
         """
         step: dict[str, Any] = {"action": "add", "effect": str(effect)}
+        replaced: tuple[Effect, ...] = ()
         if isinstance(effect, str):
             given = {"strength": dict(strength) if isinstance(strength, Mapping) else strength, "shape": shape}
             step |= {k: v for k, v in given.items() if v}
-            effect, replaced = named_effect(self, effect, strength, shape)
-            stage = Search(self).add(effect, accepted, replaced)
+            with self._progress_shown():
+                effect, replaced = named_effect(self, effect, strength, shape)
         else:
             step |= {"strength": dict(effect.strengths), "shape": dict(effect.shape)}
-            stage = Search(self).add(effect, accepted)
-        self._undone.clear()
-        self._log(step)
-        return stage
+            _ = self.stage  # made on first use, and not by this step
+        with self._step(step):
+            Search(self).add(effect, accepted, replaced)
+        return self.stage
 
     def unknown_force(self, where: str) -> UnknownForce:
         """Return the force at a place that would explain all of the residual, over time and over what it depends on."""
-        return force_at(self, where)
+        with self._progress_shown():
+            return force_at(self, where)
 
     def add_curve(self, where: str, over: str = "position") -> Stage:
         """Add a force given by points, fit again, and make that the latest stage.
@@ -172,31 +186,11 @@ class Study(SearchState):
         KeyError
             If there is no such place, or nothing to be a function of.
         """
-        stage = Search(self).add(curve_at(self, where, over), None)
-        self._undone.clear()
-        self._log({"action": "add_curve", "where": where, "over": over})
-        return stage
-
-    def undo(self) -> Stage:
-        """Remove the latest effect; `redo` brings it back."""
-        before = list(self.stages)
-        stage = Search(self).undo()
-        if len(self.stages) < len(before):
-            self._undone.append(before[-1])
-            self._log({"action": "undo"})
-        return stage
-
-    def redo(self) -> Stage:
-        """Bring back the effect that was removed last, as it was fitted; nothing is computed."""
-        if self._undone:
-            self.stages.append(self._undone.pop())
-            self._log({"action": "redo"})
+        with self._progress_shown():
+            curve = curve_at(self, where, over)
+        with self._step({"action": "add_curve", "where": where, "over": over}):
+            Search(self).add(curve, None)
         return self.stage
-
-    @property
-    def can_redo(self) -> bool:
-        """True if there is something that `redo` would bring back."""
-        return bool(self._undone)
 
     def leave_out(self, record: str, start: float = -np.inf, stop: float = np.inf) -> Stage:
         """Leave a stretch of a record out, or the whole record, and fit every stage again without it.
@@ -204,6 +198,7 @@ class Study(SearchState):
         Parameters
         ----------
         record : str
+            Name of a record, or of a part of one.
         start, stop : float, s
             Default: the record's own beginning and end.
 
@@ -214,10 +209,29 @@ class Study(SearchState):
         ValueError
             If the stretch is empty, or nothing would be left to fit.
         """
+        stretch = stretch_of(self.source, self.problem, Stretch(record, start, stop))
+        with self._step({"action": "leave_out", **stretch.to_dict()}):
+            self._fit_again([*self.left_out, stretch], self.priors)
+        return self.stage
+
+    def use_again(self, record: str, start: float = -np.inf, stop: float = np.inf) -> Stage:
+        """Use what was left out of a record again, and fit every stage again with it.
+
+        Parameters
+        ----------
+        record : str
+        start, stop : float, s
+            Only what was left out within these times; default: all that was left out of the record.
+
+        Raises
+        ------
+        KeyError
+            If nothing of such a record is left out there.
+        """
         stretch = Stretch(record, start, stop)
-        self.begin_with([*self.left_out, stretch], self.priors)
-        self._again()
-        self._log({"action": "leave_out", **stretch.to_dict()})
+        again = stretches_in(self.left_out, stretch)
+        with self._step({"action": "use_again", **stretch.to_dict()}):
+            self._fit_again([s for s in self.left_out if s not in again], self.priors)
         return self.stage
 
     def set_prior(self, name: str, value: float | None = None, std: float | None = None) -> Stage:
@@ -238,41 +252,137 @@ class Study(SearchState):
             If the value is outside its bounds, or the standard deviation is not positive.
         """
         prior = Prior(name, value, std)
-        self.begin_with(self.left_out, [*(p for p in self.priors if p.name != name), prior])
-        self._again()
-        self._log({"action": "set_prior", **prior.to_dict()})
+        with_priors(self.source, [prior])  # refuses what cannot be
+        with self._step({"action": "set_prior", **prior.to_dict()}):
+            stated = [] if value is None and std is None else [prior]
+            self._fit_again(self.left_out, [*(p for p in self.priors if p.name != name), *stated])
         return self.stage
+
+    def _fit_again(self, stretches: Sequence[Stretch], priors: Sequence[Prior]) -> None:
+        """Make the stages that there are again without some stretches, and with other priors."""
+        before = self.stages[2:]
+        self.begin_with(stretches, priors)
+        for earlier in before:
+            current, effects = self.stage, earlier.effects
+            name = f"+ {effects[-1]}" if effects else current.name
+            stage = self.fitted(name, effects, current, current.noise, begin=earlier.identify.to_dict())
+            self.stages.append(replace(stage, accepted=earlier.accepted))
 
     def begin_with(self, stretches: Sequence[Stretch], priors: Sequence[Prior]) -> None:
         """Use the records without some stretches, and other priors, and forget every stage."""
         self.problem = self.given = with_priors(without_stretches(self.source, stretches), priors)
         self.left_out[:], self.priors[:] = list(stretches), list(priors)
-        self.prepared, self.in_windows_instead = None, False
-        self._effects_before = [(s.effects, s.accepted) for s in self.stages[2:]]
-        for forgotten in (self.stages, self.decisions, self._undone, self.unanswered):
+        self.prepared, self.in_windows_instead, self.answer = None, False, {}
+        for forgotten in (self.stages, self.decisions, self.unanswered):
             forgotten.clear()
 
-    def _again(self) -> None:
-        """Make the stages again that there were before."""
-        for effects, accepted in self._effects_before:
-            current = self.stage
-            name = f"+ {effects[-1]}" if effects else current.name
-            stage = self.fitted(name, effects, current, current.noise)
-            self.stages.append(replace(stage, accepted=accepted))
-            self.save()
+    # ---------------------------------------------------------------- steps back and forth
+
+    def undo(self) -> Stage:
+        """Take the latest step back, whatever it was: all effects of a search together; `redo` takes it again."""
+        return self._move(self.past, self.undone, "undo")
+
+    def redo(self) -> Stage:
+        """Take the step again that was undone last, as it ended then; nothing is computed."""
+        return self._move(self.undone, self.past, "redo")
+
+    @property
+    def can_undo(self) -> bool:
+        """True if there is a step that `undo` would take back."""
+        return bool(self.past)
+
+    @property
+    def can_redo(self) -> bool:
+        """True if there is something that `redo` would bring back."""
+        return bool(self.undone)
+
+    def _move(self, moments: list[Snapshot], others: list[Snapshot], action: str) -> Stage:
+        if moments:
+            now = Snapshot.of(self)
+            moments[-1].put_back(self)
+            moments.pop()
+            others.append(now)
+            self._log({"action": action})
+        return self.stage
+
+    def branches(self) -> tuple[Snapshot, ...]:
+        """Return where the other branches of the history end: what was undone, replaced, or fitted to other records."""
+        return ends(Snapshot.of(self), [*self.cut, *self.past, *reversed(self.undone)])
+
+    def switch(self, branch: int) -> Stage:
+        """Go on from the end of another branch; nothing is computed, and `undo` comes back.
+
+        Parameters
+        ----------
+        branch : int
+            Its number in `branches`.
+
+        Raises
+        ------
+        KeyError
+            If there is no such branch.
+        """
+        known = self.branches()
+        if not 0 <= branch < len(known):
+            numbers = f"take one of 0 to {len(known) - 1}" if known else "the history has only one"
+            raise KeyError(f"there is no branch {branch}: {numbers}")
+        with self._step({"action": "switch", "branch": branch}):
+            known[branch].put_back(self)
+        return self.stage
+
+    @contextmanager
+    def _step(self, step: dict[str, Any]) -> Iterator[None]:
+        """Take a step, which is undone as a whole; where it fails or is stopped, everything is as before it."""
+        before = Snapshot.of(self)
+        self.answer = {}
+        try:
+            with self._progress_shown():
+                yield
+        except BaseException:
+            before.put_back(self)
+            if self.stages:
+                self.save()  # the step may have saved what it had made until then
+            raise
+        self._keep(before)
+        self._log(step)
+
+    def _keep(self, before: Snapshot) -> None:
+        for earlier in (*self.past, *self.undone):  # `before` keeps them: a step is often undone at once
+            earlier.forget_results([*self.stages, *before.stages])
+        self.past.append(before)
+        self.cut += self.undone
+        self.undone.clear()
 
     def _log(self, step: dict[str, Any]) -> None:
         self.steps.append(step)
         self.save()
 
+    @contextmanager
+    def _progress_shown(self) -> Iterator[None]:
+        """Show progress below the cell of a notebook, unless another display was asked for."""
+        given = self.progress
+        with visible(given) as self.progress:
+            try:
+                yield
+            finally:
+                self.progress = given
+
+    def _begin(self) -> None:
+        with self._progress_shown():
+            super()._begin()
+
     def diagnose(self) -> Conclusion:
         """Search for what the model lacks, as ``problem.search`` says; then conclude."""
-        self._undone.clear()
+        with self._progress_shown():
+            return self._diagnosed()
+
+    def _diagnosed(self) -> Conclusion:
         self.interrupted, self.interruption, self.untested = False, "", ""
+        _ = self.stage  # made on first use
+        self._keep(Snapshot.of(self))
+        self.answer = {}
         step: dict[str, Any] = {"action": "search"}
-        self.steps.append(step)
-        if self.stages:
-            self.save()
+        self._log(step)
         by_evidence: EvidenceSearch | None = None
         try:
             if is_by_evidence(self):
@@ -283,14 +393,12 @@ class Study(SearchState):
                 by_evidence = None
                 Search(self).run()
         except KeyboardInterrupt as stopped:
-            if len(self.stages) < 2:
-                raise  # no result would be lost
             step["stopped"] = self.interrupted = True
             self.save()
             self.interruption = str(stopped) or "interrupted"
             self.untested = by_evidence.untested() if by_evidence is not None else ""
             go_on()
-        return conclude(self, by_evidence)
+        return self._answered(conclude(self, by_evidence))
 
     def _cut_into_windows(self) -> bool:
         """Begin again with windows where whole records cannot be simulated well and no effect explains that."""
@@ -317,7 +425,13 @@ class Study(SearchState):
     def conclude(self) -> Conclusion:
         """Return the conclusion of the stages as they are, without a search."""
         _ = self.stage
-        return conclude(self)
+        return self._answered(conclude(self))
+
+    def _answered(self, conclusion: Conclusion) -> Conclusion:
+        words = {k: getattr(conclusion, k) for k in ("verdict", "sentence")}
+        self.answer = {**words, "next_measurement": list(conclusion.next_measurement)}
+        self.save()
+        return conclusion
 
     def plot(self) -> Figure:
         """Draw the error of the outputs from stage to stage: of all, or of the worst where there are many."""

@@ -54,7 +54,7 @@ window.vtsdtZoom = (function () {
         refresh(p);
       }
       if (options.onSight && plots.some((p) => p.visible && isEmpty(p))) options.onSight();
-    }, { rootMargin: "200px" });
+    });
     let seen = []; // the panels in sight when printing began
     window.addEventListener("beforeprint", () => {
       if (!element.isConnected) return; // other figures have taken its place

@@ -25,6 +25,9 @@ __all__ = ["View", "open_session", "serve", "serve_result"]
 #: From the positions of a page's sliders, by name, to what the page shows.
 View = Callable[[Mapping[str, float]], dict[str, Any]]
 
+#: Seconds after which a thread that computes lets another run; Python's own value is ten times as long.  A request
+#: passes through several threads, and would wait so long at each while candidates are scored in the background.
+SWITCH_INTERVAL = 5e-4
 
 MISSING = (
     "vtsdt open needs the packages of the workbench, and {} is not installed: pip install 'vtsdt[workbench]', or "
@@ -132,6 +135,7 @@ def _listen(application: Callable[[str], Any], close: Callable[[], None], args: 
 
     from discrepancy.workbench.server import LOOPBACK
 
+    sys.setswitchinterval(SWITCH_INTERVAL)
     token = secrets.token_urlsafe(16)
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

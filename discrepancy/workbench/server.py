@@ -64,6 +64,7 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
                 values=given.get("values") or None,
                 outputs=given.get("outputs"),
                 columns=None if given.get("columns") is None else int(given["columns"]),
+                ends=None if given.get("ends") is None else [int(k) for k in given["ends"]],
             )
 
     def do(given: Any) -> Any:
@@ -83,6 +84,7 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
         "motion": lambda given: session.against_motion(given.get("output", "")),
         "spectra": lambda given: session.spectra(given.get("record", "")),
         "force": lambda given: session.force(given.get("where", "")),
+        "branches": lambda given: session.branches(int(given.get("one", 0)), int(given.get("other", 1))),
         "table": lambda given: session.table(int(given["against"]) if "against" in given else None),
     }
     posts = {

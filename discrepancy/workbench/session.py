@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from discrepancy.effects.kind_picture import has_picture, kind_picture
-from discrepancy.effects.kinds import kind_named
+from discrepancy.effects.kinds import kind_named, kinds
 from discrepancy.effects.law_in_words import law_of
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.report.figures import stage_title
 from discrepancy.stages.stage import Stage
 from discrepancy.study.candidates import Candidates
 from discrepancy.study.history import save_history
+from discrepancy.study.snapshot import Snapshot
 from discrepancy.study.study import Study
 from discrepancy.workbench import views
 from discrepancy.workbench.candidate_list import candidate_list
@@ -31,6 +33,8 @@ from multibody.base.quantity_text import unit_text
 __all__ = ["Busy", "Session", "Stopped"]
 
 Entry = dict[str, Any]
+READINGS = 20  # of a state, until one is not interrupted by the beginning of a step
+BRANCHES = ("B", "A")  # names of the lines of two branches, the second first, as it is drawn below
 
 
 class Stopped(KeyboardInterrupt):
@@ -65,11 +69,11 @@ class Session:
         self._work: threading.Thread | None = None
         self._doing: Entry = {}
         self._error = ""
-        self._conclusion: Entry = {}
-        self._comparisons: dict[int, Comparison] = {}
+        self._comparisons: WeakKeyDictionary[Stage, Comparison] = WeakKeyDictionary()
         self._scored: Candidates | None = None  # of the stage that was scored last
-        self._forces: dict[int, set[str]] = {}  # places whose missing force is known, by stage
-        self._kept: list[Stage] = []  # stages that were undone or replaced, which another branch is compared with
+        self._forces: WeakKeyDictionary[Stage, set[str]] = WeakKeyDictionary()  # places whose missing force is known
+        self._kinds: dict[str, Entry] = {}  # laws with their pictures, which take long to draw
+        self._building = threading.Lock()  # stages of another branch are built once
         study.progress = self._progress
         study.checkpoint = lambda study: save_history(study, self.history)
 
@@ -103,7 +107,6 @@ class Session:
         self._work.start()
 
     def _run(self, work: Callable[[], object]) -> None:
-        before = list(self.study.stages)
         unsubscribe = on_compile(lambda name, seconds: self._progress("compile the model's equations"))
         try:
             work()
@@ -116,7 +119,6 @@ class Session:
                 traceback.print_exc()
         finally:
             unsubscribe()
-        self._kept += [s for s in before[2:] if s not in self.study.stages and s not in self._kept]
         with self._changed:
             self._work, self._doing = None, {}
         self._announce()
@@ -167,8 +169,8 @@ class Session:
         Parameters
         ----------
         action : str
-            ``"score"``, ``"add"``, ``"add_curve"``, ``"undo"``, ``"redo"``, ``"leave_out"``, ``"set_prior"``,
-            ``"force"``, ``"search"`` or ``"conclude"``.
+            ``"score"``, ``"add"``, ``"add_curve"``, ``"undo"``, ``"redo"``, ``"switch"``, ``"leave_out"``,
+            ``"use_again"``, ``"set_prior"``, ``"force"``, ``"search"`` or ``"conclude"``.
         given : mapping
             Arguments of the `Study` method of that name.
 
@@ -185,19 +187,22 @@ class Session:
                 "score": ("score the candidates", self._score),
                 "undo": ("undo", study.undo),
                 "redo": ("redo", study.redo),
-                "search": ("search on from here", lambda: self._keep_conclusion(study.diagnose())),
-                "conclude": ("conclude", lambda: self._keep_conclusion(study.conclude())),
+                "search": ("search on from here", study.diagnose),
+                "conclude": ("conclude", study.conclude),
             }
             if action == "add":
                 name = str(given["effect"])
                 steps["add"] = (f"add {name} and fit again", lambda: study.add(name, strength=given.get("strength")))
-            if action == "leave_out":
+            if action in ("leave_out", "use_again"):
                 stretch = {k: float(given[k]) for k in ("start", "stop") if given.get(k) is not None}
-                record = str(given["record"])
-                steps["leave_out"] = (
-                    f"fit again without {'a stretch of ' if stretch else ''}{record}",
-                    lambda: study.leave_out(record, **stretch),
+                record, how = str(given["record"]), "without" if action == "leave_out" else "with"
+                steps[action] = (
+                    f"fit again {how} {'a stretch of ' if stretch else ''}{record}",
+                    lambda: getattr(study, action)(record, **stretch),
                 )
+            if action == "switch":
+                branch = int(given["branch"])
+                steps["switch"] = ("go on from another branch", lambda: study.switch(branch))
             if action == "set_prior":
                 name = str(given["name"])
                 prior = {k: None if given.get(k) is None else float(given[k]) for k in ("value", "std")}
@@ -219,21 +224,25 @@ class Session:
 
     def _estimate(self, where: str) -> None:
         self.study.unknown_force(where)
-        self._forces.setdefault(id(self.study.stage), set()).add(where)
+        self._forces.setdefault(self.study.stage, set()).add(where)
 
     def _score(self) -> None:
         self._scored = self.study.candidates()
-
-    def _keep_conclusion(self, conclusion: Any) -> None:
-        self._conclusion = {"verdict": conclusion.verdict, "sentence": conclusion.sentence}
 
     # ---------------------------------------------------------------- what the page shows
 
     def state(self) -> Entry:
         """Return everything that the page shows but the figures and the candidates."""
+        for _ in range(READINGS):
+            # first, or a step that ends meanwhile would show the stages before it as what stands after it
+            version, doing = self.version, self._doing
+            found = self._read(version, doing)
+            if self.version == version or (doing and not doing.get("yields")):
+                break  # else a step may have begun meanwhile: what was read is partly from before it
+        return found
+
+    def _read(self, version: int, doing: Entry) -> Entry:
         study = self.study
-        # first, or a step that ends meanwhile would show the stages before it as what stands after it
-        version, doing = self.version, self._doing
         stages = list(study.stages)
         outputs = (
             []
@@ -254,18 +263,19 @@ class Session:
             "error": self._error,
             "outputs": outputs,
             "stages": [self._stage(s) for s in stages],
-            "kept": [{"name": s.name, "effects": list(map(str, s.effects))} for s in self._kept],
+            "branches": [{"names": b.names, "title": _branch_title(b)} for b in study.branches()] if stages else [],
             "records": [
                 {"name": e.name, "part": part}
                 for part, group in (("identify", study.problem.identify), ("validate", study.problem.validate))
                 for e in group
             ],
-            "left_out": [s.to_dict() for s in study.left_out],
+            "left_out": [{**s.to_dict(), "words": str(s)} for s in study.left_out],
+            "priors": [p.to_dict() for p in study.priors],
             "steps": study.steps,
             "scored": bool(stages) and self._scored is not None and self._scored.stage is stages[-1],
-            "can_undo": len(stages) > 2,
+            "can_undo": study.can_undo,
             "can_redo": study.can_redo,
-            "conclusion": self._conclusion,
+            "conclusion": dict(study.answer),
             "history": str(self.history),
             "parameters": self._parameters(stages[-1]) if stages else [],
         }
@@ -291,15 +301,29 @@ class Session:
                 entries.append({**entry, "std": float(std) if np.isfinite(std) else None, "prior": prior})
         return entries
 
-    def _branch(self, index: int) -> Stage:
-        stages = [*self.study.stages, *self._kept]
-        return stages[index] if -len(stages) <= index < len(stages) else stages[-1]
+    def _end(self, number: int) -> tuple[Stage, ...]:
+        """Return the stages of a branch: of the present one, number 0, or of another."""
+        if number <= 0:
+            return tuple(self.study.stages)
+        branches = self.study.branches()
+        if number > len(branches):
+            raise KeyError(f"there is no branch {number}: the history has {len(branches)} beside the present one")
+        with self._building:
+            return branches[number - 1].stages
+
+    def _other(self, number: int) -> Stage:
+        """Return a stage to compare with: one of the present branch, or where another ends."""
+        stages = list(self.study.stages)
+        if number < len(stages):
+            return stages[max(number, 0)]
+        if number - len(stages) < len(self.study.branches()):
+            return self._end(1 + number - len(stages))[-1]
+        return stages[-1]
 
     def _comparison(self, stage: Stage) -> Comparison:
-        key = id(stage)
-        if key not in self._comparisons:
-            self._comparisons[key] = compare(stage)
-        return self._comparisons[key]
+        if stage not in self._comparisons:
+            self._comparisons[stage] = compare(stage)
+        return self._comparisons[stage]
 
     def figures(
         self,
@@ -312,6 +336,7 @@ class Session:
         values: Mapping[str, float] | None = None,
         outputs: Collection[str] | None = None,
         columns: int | None = None,
+        ends: Sequence[int] | None = None,
     ) -> list[Entry]:
         """Return the figures of a record: measurement, a stage to compare with, the latest stage, and a prediction.
 
@@ -331,11 +356,13 @@ class Session:
             Those whose numbers are wanted; the figures of the others have empty lines.  Default: all.
         columns : int, optional
             Pixels across a figure: two points are kept in each, the smallest and the largest.
+        ends : two ints, optional
+            Numbers of the branches to draw instead, by where they end; 0 is the present one.
         """
         stages = list(self.study.stages)
         if not stages:
             return []
-        latest, other = stages[-1], self._branch(against)
+        latest, other = (self._end(k)[-1] for k in ends) if ends else (stages[-1], self._other(against))
         compared = self._comparison(latest)
         if record not in {s.record for s in compared}:
             record = compared.of()[0].record
@@ -351,7 +378,34 @@ class Session:
             changed=self.study.what_if(values, record) if values else None,
             outputs=outputs,
             columns=columns,
+            names=BRANCHES if ends else None,
         )
+
+    def branches(self, one: int = 0, other: int = 1) -> Entry:
+        """Return two branches: their stages with the errors of every output, and the records that each has.
+
+        Parameters
+        ----------
+        one, other : int
+            Numbers; 0 is the present branch.
+        """
+        shown = []
+        now = Snapshot.of(self.study)
+        for number in (one, other):
+            stages = self._end(number)
+            at = now if number <= 0 else self.study.branches()[number - 1]
+            records = list(dict.fromkeys(s.record for s in self._comparison(stages[-1])))
+            shown.append(
+                {
+                    "number": number,
+                    "differs": at.differs(),
+                    "stages": [self._stage(s) for s in stages],
+                    "records": records,
+                    "outputs": list(stages[-1].outputs),
+                }
+            )
+        titles = ["the present branch", *map(_branch_title, self.study.branches())]
+        return {"titles": titles, "shown": shown}
 
     def _candidates(self) -> Candidates:
         return self.study.candidates()
@@ -362,8 +416,10 @@ class Session:
 
     def kind(self, name: str) -> Entry:
         """Return the law of a kind in words and its picture as SVG, where there is one."""
-        kind = kind_named(name)
-        return {"law": law_of(kind), "picture": kind_picture(kind) if has_picture(kind) else ""}
+        if name not in self._kinds:
+            kind = kind_named(name)
+            self._kinds[name] = {"law": law_of(kind), "picture": kind_picture(kind) if has_picture(kind) else ""}
+        return self._kinds[name]
 
     def machine(self) -> Entry:
         """Return the graph of the model: its components and their connections."""
@@ -385,14 +441,14 @@ class Session:
     def table(self, against: int | None = None) -> list[Entry]:
         """Return the error of the latest stage by record and output, and of a stage to compare with."""
         latest = self.study.stages[-1]
-        other = latest if against is None else self._branch(against)
+        other = latest if against is None else self._other(against)
         return views.by_record(self._comparison(latest), None if other is latest else self._comparison(other))
 
     def force(self, where: str) -> Entry:
         """Return what is known of the missing force at a place, once it has been estimated, and what could be tried."""
         stage = self.study.stages[-1]
         places = [p.name for p in stage.system.places]
-        if where not in self._forces.get(id(stage), ()):
+        if where not in self._forces.get(stage, ()):
             return {"places": places, "known": False}
         return {"places": places, "known": True, **force_view(self.study.unknown_force(where))}
 
@@ -403,3 +459,12 @@ def _title(stage: Stage) -> str:
         return stage_title(stage)
     latest = stage.effects[-1]
     return f"+ {latest.definition.text.title} at {latest.where}"
+
+
+def _branch_title(at: Snapshot) -> str:
+    """Return in words where a branch ends, and what it was fitted to."""
+    words = []
+    for name in at.names[2:] or at.names[-1:]:
+        kind, _, where = name.removeprefix("+ ").partition("@")
+        words.append(f"+ {kinds()[kind].text.title} at {where}" if kind in kinds() else name)
+    return ", ".join([" ".join(words), *([at.differs()] if at.differs() else [])])

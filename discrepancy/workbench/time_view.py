@@ -43,6 +43,7 @@ def record_figures(
     changed: np.ndarray | None = None,
     outputs: Collection[str] | None = None,
     columns: int | None = None,
+    names: tuple[str, str] | None = None,
 ) -> list[dict[str, Any]]:
     """Return the figures of a record: measurement, a stage to compare with, the latest stage, and what is expected.
 
@@ -63,7 +64,10 @@ def record_figures(
         Those whose numbers are wanted; the figures of the others have empty lines.  Default: all.
     columns : int, optional
         Pixels across a figure.
+    names : (str, str), optional
+        Of ``other`` and ``latest``; default: their titles.
     """
+    lines = names or (stage_title(other), stage_title(latest))
     shown = compared.of(record=record or None) or compared.of()
     shown = [s for s in shown if s.record == shown[0].record]
     record = shown[0].record
@@ -72,8 +76,8 @@ def record_figures(
     for column, signal in enumerate(shown):
         models = []
         if other is not latest and signal.output in old and old[signal.output].model.size == signal.time.size:
-            models.append((stage_title(other), "before", old[signal.output].model))
-        models.append((stage_title(latest), "after", signal.model))
+            models.append((lines[0], "before", old[signal.output].model))
+        models.append((lines[1], "after", signal.model))
         if prediction is not None and record in prediction.records:
             k, c = prediction.records.index(record), prediction.outputs.index(signal.output)
             fall = prediction.before[k][:, c] - prediction.after[k][:, c]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gearbox.updating.settings import OBJECTIVES
-from multibody.base.progress import Progress, silent
+from multibody.base.progress import Progress, shown_in_notebooks, silent
 from multibody.base.result_folder import check_owner
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ __all__ = ["main", "update"]
 STORE = "simulations.jsonl"
 
 
+@shown_in_notebooks
 def update(
     study: str | Path,
     out: str | Path | None = None,

@@ -5,17 +5,21 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 from multibody.base.compile_events import on_compile
 from multibody.base.terminal_text import printable
 
-__all__ = ["Progress", "ProgressLine", "Step", "silent"]
+__all__ = ["Progress", "ProgressLine", "Step", "shown_in_notebooks", "silent", "visible"]
 
 #: What a long function calls with a line of text now and then; a `Step` also says which part of the work is done.
 Progress = Callable[[str], None]
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 PATIENCE = 2.0  # s of work before the first line is printed where lines cannot be removed
 INTERVAL = 5.0  # s between printed lines of one kind
@@ -235,3 +239,24 @@ class _Notebook:
     def close(self) -> None:
         """Remove the line."""
         self._handle.update(self._html(""))
+
+
+@contextmanager
+def visible(progress: Progress) -> Iterator[Progress]:
+    """Give the progress that was asked for or, in a notebook where none was, a line below the cell."""
+    if progress is not silent or not _in_notebook():
+        yield progress
+        return
+    with ProgressLine() as line:
+        yield line
+
+
+def shown_in_notebooks(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function with an argument ``progress`` show it below a notebook's cell where nobody asks for another."""
+
+    @wraps(function)
+    def showing(*args: P.args, **options: P.kwargs) -> R:
+        with visible(options.pop("progress", silent)) as progress:  # type: ignore[arg-type]
+            return function(*args, progress=progress, **options)  # type: ignore[arg-type]
+
+    return showing

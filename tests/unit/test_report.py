@@ -307,6 +307,23 @@ def test_the_first_screen_has_answer_certainty_errors_and_what_to_do(written):
         assert heading in first
 
 
+def test_an_error_that_stays_is_called_unchanged(conclusion, evidence) -> None:
+    recalibrated = conclusion.stages[1]
+    same = replace(conclusion, stages=(*conclusion.stages[:2], replace(recalibrated, name="+ coulomb_friction@guide")))
+    first = render(same, evidence, []).partition('id="compared"')[0]
+    assert "(unchanged)" in first
+    assert "bar new worse" not in first
+    assert "(+0 %)" not in first
+
+
+def test_what_is_to_be_measured_next_is_said_once(conclusion, evidence) -> None:
+    confirm = conclusion.accepted[0].effect.definition.text.confirm
+    advised = replace(conclusion, next_measurement=(f"To tell one from another: {confirm} For the other: look.",))
+    for one in (replace(conclusion, next_measurement=()), advised):
+        first = _text(render(one, evidence, []).partition('id="compared"')[0])
+        assert first.count(confirm) == 1
+
+
 def test_zoomable_figures_are_in_the_page_and_need_nothing_from_outside(written):
     page = (written[0] / "report.html").read_text(encoding="utf-8")
     assert "vtsdtZoom.draw" in page

@@ -74,8 +74,7 @@ def test_undo_and_redo_compute_nothing_and_end_where_they_began(stepped):
     assert study.redo() is last
     assert not study.can_redo
     assert study.redo() is last
-    for _ in range(2):
-        study.steps.pop()
+    del study.steps[-2:]
     study.save()
 
 
@@ -126,16 +125,206 @@ def test_a_stretch_is_left_out_and_everything_is_fitted_again(stepped, tmp_path)
     study.add(NAME)
     before = study.stage
     study.leave_out("run0", 4.0, 6.0)
-    assert [e.name for e in study.problem.identify] == ["run0, part 1", "run0, part 2", "run1"]
+    assert [e.name for e in study.problem.identify] == ["run0 [0..3.99 s]", "run0 [6.01..11.99 s]", "run1"]
     assert [s.name for s in study.stages] == ["as given", "recalibrated", f"+ {NAME}"]
     times = np.concatenate([e.record.time for e in study.problem.identify[:2]])
     assert not np.any((times >= 4.0) & (times <= 6.0))
     assert study.stage.rmse("validate") != before.rmse("validate")
+    for part in ("identify", "validate"):  # the second part begins where the machine was then
+        assert study.stage.rmse(part)["carriage.position"] == pytest.approx(2e-4, rel=0.05)  # the sensor's noise
     path = save_history(study, tmp_path / "history.json")
     again = Study(problem_of())
     restore(again, path)
     assert again.left_out == [Stretch("run0", 4.0, 6.0)]
     assert again.stage.rmse("identify") == study.stage.rmse("identify")
+
+
+def _shown(study: Study) -> tuple[object, ...]:
+    """What a person sees of a study."""
+    errors = [{part: stage.rmse(part) for part in ("identify", "validate")} for stage in study.stages]
+    records = [e.name for e in (*study.problem.identify, *study.problem.validate)]
+    return [s.name for s in study.stages], errors, records, list(study.left_out), list(study.priors), study.answer
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
+    """A study after one step of every kind, what was seen before each, and its history."""
+    study, path = Study(problem_of()), tmp_path_factory.mktemp("walked") / "history.json"
+    study.checkpoint = lambda s: save_history(s, path)
+    _ = study.stage
+    seen = [_shown(study)]
+    for take in (
+        lambda: study.leave_out("run0", 4.0, 6.0),
+        lambda: study.leave_out("run0 [6.01..11.99 s]", 9.0),
+        lambda: study.set_prior("guide.viscous", 20.0, 2.0),
+        lambda: study.diagnose(),
+        lambda: study.use_again("run0", 4.0, 6.0),
+        lambda: study.add_curve("guide", "speed"),
+        lambda: study.leave_out("run1"),
+    ):
+        take()
+        seen.append(_shown(study))
+    return study, seen, path
+
+
+def test_steps_of_every_kind_are_undone_and_redone(walked):
+    study, seen, _ = walked
+    assert len({json.dumps(s, default=str) for s in seen}) == len(seen)  # every step has changed something
+    simulated: list[str] = []
+    study.progress = simulated.append
+    steps = len(study.steps)
+    for before in reversed(seen[:-1]):
+        study.undo()
+        assert _shown(study) == before
+    assert not study.can_undo
+    for after in seen[1:]:
+        study.redo()
+        assert _shown(study) == after
+    assert not study.can_redo
+    assert not simulated
+    assert [s["action"] for s in study.steps[steps:]] == ["undo"] * (len(seen) - 1) + ["redo"] * (len(seen) - 1)
+    del study.steps[steps:]
+    study.save()
+
+
+def test_steps_of_a_history_are_undone_as_those_just_taken(walked):
+    study, seen, path = walked
+    again = Study(problem_of())
+    restore(again, path)
+    assert _shown(again) == seen[-1]
+    assert again.can_undo
+    for before in reversed(seen[:-1]):
+        again.undo()
+        assert _shown(again) == before
+    save_history(again, path)
+    later = Study(problem_of())
+    restore(later, path)
+    assert _shown(later) == seen[0]
+    for after in seen[1:]:
+        later.redo()
+        assert _shown(later) == after
+    assert later.steps[len(study.steps) :] == again.steps[len(study.steps) :] + [{"action": "redo"}] * (len(seen) - 1)
+    study.save()
+
+
+def test_a_part_of_a_record_that_is_left_out_is_one_of_the_record(walked):
+    study, seen, _ = walked
+    assert [s["record"] for s in study.steps if s["action"] == "leave_out"] == ["run0", "run0", "run1"]
+    assert seen[2][3] == [Stretch("run0", 4.0, 6.0), Stretch("run0", 9.0, 11.99)]
+    assert seen[2][2] == ["run0 [0..3.99 s]", "run0 [6.01..8.99 s]", "run1", "run2"]
+
+
+def test_a_stretch_is_used_again_and_the_fit_is_as_before():
+    study = Study(problem_of())
+    study.add(NAME)
+    before = study.stage
+    study.leave_out("run0", 4.0, 6.0)
+    study.leave_out("run1")
+    with pytest.raises(KeyError, match="no stretch of run2 is left out: run0 from 4 s to 6 s; run1 is"):
+        study.use_again("run2")
+    study.use_again("run1")
+    assert study.left_out == [Stretch("run0", 4.0, 6.0)]
+    study.use_again("run0", 4.0, 6.0)
+    assert study.left_out == []
+    output = "carriage.position"
+    assert study.stage.rmse("validate")[output] == pytest.approx(before.rmse("validate")[output], rel=1e-3)
+
+
+def test_branches_are_kept_and_one_can_be_gone_on_from(tmp_path: Path):
+    study = Study(problem_of())
+    study.add(NAME)
+    best = study.stage
+    study.undo()
+    study.add("sensor_offset@carriage.position")
+    other = study.stage
+    (branch,) = study.branches()
+    assert branch.stages[-1] is best
+    study.set_prior("guide.viscous", 20.0, 2.0)
+    assert [b.stages[-1] for b in study.branches()] == [best, other]
+    path = save_history(study, tmp_path / "history.json")
+    again = Study(problem_of())
+    restore(again, path)
+    assert [b.names for b in again.branches()] == [b.names for b in study.branches()]
+    assert again.branches()[0].stages[-1].rmse("validate") == best.rmse("validate")
+    for one in (study, again):
+        one.switch(0)
+        assert one.stage.rmse("validate") == best.rmse("validate")
+        assert one.priors == []
+    with pytest.raises(KeyError, match="there is no branch 9: take one of 0 to 1"):
+        study.switch(9)
+    study.undo()
+    assert study.priors
+    taken = Study(problem_of())
+    replay(taken, study.steps)
+    assert taken.stage.rmse("validate") == pytest.approx(study.stage.rmse("validate"), rel=1e-9)
+    assert "study.switch(0)" in script_of(study.steps, "study.toml")
+
+
+def test_a_step_that_is_stopped_changes_nothing(interrupter):
+    study = Study(problem_of())
+    study.add(NAME)
+    before, steps = _shown(study), list(study.steps)
+    study.progress = interrupter("simulate the model as given")
+    with pytest.raises(KeyboardInterrupt):
+        study.leave_out("run0", 4.0, 6.0)
+    assert _shown(study) == before
+    assert study.steps == steps
+
+
+def test_a_name_that_is_wrong_costs_no_stage():
+    study = Study(problem_of())
+    with pytest.raises(KeyError, match="did you mean"):
+        study.add("coulomb_friction@guid")
+    assert [s.name for s in study.stages] == ["as given", "recalibrated"]
+    assert study.steps == []
+    assert not study.can_undo
+
+
+def test_scores_of_stages_that_are_two_steps_back_are_freed():
+    study = Study(problem_of())
+    first = study.stage
+    study.candidates()
+    study.add(NAME)
+    study.leave_out("run1")
+    assert first.once(("candidates", study.problem.include), lambda: None) is not None
+    study.use_again("run1")
+    assert first.once(("candidates", study.problem.include), lambda: None) is None
+
+
+def test_a_notebook_shows_progress_below_the_cell(monkeypatch):
+    shown: list[str] = []
+
+    class Below:
+        def show(self, text: str, step: object, notes: str) -> None:
+            shown.append(text)
+
+        def close(self) -> None:
+            shown.append("")
+
+    monkeypatch.setattr("multibody.base.progress._in_notebook", lambda: True)
+    monkeypatch.setattr("multibody.base.progress._Notebook", Below)
+    study = Study(problem_of())
+    study.compare()
+    assert shown[0] == "simulate the model as given"
+    assert shown[-1] == ""  # the line is removed again
+    own: list[str] = []
+    Study(problem_of(), progress=own.append).compare()
+    assert own
+    assert shown[-1] == ""
+
+
+def test_the_answer_stays_while_the_stages_are_those_of_it(tmp_path: Path):
+    study = Study(problem_of())
+    sentence = study.diagnose().sentence
+    path = save_history(study, tmp_path / "history.json")
+    again = Study(problem_of())
+    restore(again, path)
+    assert again.answer["sentence"] == sentence
+    assert again.answer["verdict"] == "effect found"
+    again.undo()
+    assert not again.answer
+    again.redo()
+    assert again.answer["sentence"] == sentence
 
 
 def test_a_whole_record_may_be_left_out_but_not_all():

@@ -19,7 +19,7 @@ import pytest
 from test_study_history import problem_of
 
 from discrepancy.problem.study_file import StudyError
-from discrepancy.study.history import restore
+from discrepancy.study.history import restore, save_history
 from discrepancy.study.script import replay
 from discrepancy.study.study import Study
 from discrepancy.workbench.command import open_session
@@ -60,7 +60,9 @@ def test_the_state_has_stages_records_and_steps(session):
     assert [s["name"] for s in state["stages"]] == ["as given", "recalibrated", f"+ {NAME}"]
     assert [s["action"] for s in state["steps"]] == ["add", "undo", "add"]
     assert [r["part"] for r in state["records"]] == ["identify", "identify", "validate"]
-    assert [k["effects"] for k in state["kept"]] == [["sensor_offset@carriage.position"]]
+    (branch,) = state["branches"]
+    assert branch["names"][2:] == ("+ sensor_offset@carriage.position",)
+    assert branch["title"].startswith("+ ")
     assert state["doing"] is None
     assert state["can_undo"]
     json.dumps(state, allow_nan=False)
@@ -114,6 +116,52 @@ def test_another_branch_can_be_compared_with(session):
     rows = session.table(against=3)
     assert all(r["before"] > 2.0 * r["rmse"] for r in rows)
     assert all(r["before"] is None for r in session.table())
+
+
+def test_two_branches_are_shown_side_by_side(session):
+    both = session.branches()
+    assert [s["number"] for s in both["shown"]] == [0, 1]
+    assert [s["stages"][-1]["name"] for s in both["shown"]] == [f"+ {NAME}", "+ sensor_offset@carriage.position"]
+    friction, offset = (s["stages"][-1]["rmse"]["validate"][OUTPUT] for s in both["shown"])
+    assert friction < 0.5 * offset
+    (figure,) = session.figures("run0", ends=[0, 1])
+    assert [(m["name"], m["style"]) for m in figure["models"]] == [("B", "before"), ("A", "after")]
+    (plain,) = session.figures("run0", against=3)
+    assert [m["y"] for m in figure["models"]] == [m["y"] for m in plain["models"]]
+    with pytest.raises(KeyError, match="there is no branch 7"):
+        session.branches(0, 7)
+
+
+def test_what_was_left_out_is_used_again_and_a_branch_is_gone_on_from(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    session.begin("compare", lambda: session.study.stage)
+    session.join()
+    before = session.state()["stages"]
+    _done(session, "leave_out", record="run0", start=2.0, stop=4.0)
+    (stretch,) = session.state()["left_out"]
+    assert stretch["words"] == "run0 from 2 s to 4 s"
+    assert session.state()["branches"][0]["title"] == "recalibrated"
+    _done(session, "use_again", record=stretch["record"], start=stretch["start"], stop=stretch["stop"])
+    assert session.state()["left_out"] == []
+    assert session.state()["stages"] == before
+    assert [b["title"] for b in session.state()["branches"]] == ["recalibrated, without run0 from 2 s to 4 s"]
+    _done(session, "switch", branch=0)
+    assert [s["words"] for s in session.state()["left_out"]] == ["run0 from 2 s to 4 s"]
+    _done(session, "undo")
+    assert session.state()["stages"] == before
+
+
+def test_the_folder_of_a_finished_diagnosis_shows_its_answer(tmp_path):
+    study = Study(problem_of())
+    study.checkpoint = lambda s: save_history(s, tmp_path / "history.json")
+    sentence = study.diagnose().sentence
+    again = Session(Study(problem_of()), tmp_path / "history.json")
+    again.begin("restore", lambda: restore(again.study, tmp_path / "history.json"))
+    again.join()
+    assert again.state()["conclusion"]["sentence"] == sentence
+    _done(again, "undo")
+    assert again.state()["conclusion"] == {}
+    assert [s["name"] for s in again.state()["stages"]] == ["as given", "recalibrated"]
 
 
 def test_the_sliders_values_are_simulated(session):
@@ -443,7 +491,7 @@ def test_a_stage_travels_with_its_effects_and_sensor_errors(session, tmp_path):
         pytest.skip("needs a C compiler")
     time = np.linspace(0.0, 0.2, 21)
     given = {"drive.force": (time, 60.0 * np.sin(30.0 * time))}
-    friction, offset = session.study.stage, session._kept[0]
+    friction, offset = session.study.stage, session.study.branches()[0].stages[-1]
     for stage, told in ((friction, "coulomb_friction.guide"), (offset, "sensor.carriage.position")):
         system = stage.machine.build()
         assert any(n.startswith(told) for n in system.parameter_names)

@@ -70,6 +70,9 @@ def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
         error = {m: float(e["carriage.position"].split()[0]) for m, e in seen.errors.items()}
         assert error["second"] < 0.5 * error["begin"]
         assert error["best"] < 0.5 * error["begin"]
+        assert [row.split()[0] for row in seen.branches] == ["carriage.position"] * 2
+        assert seen.branches[-1].split()[3] == seen.errors["best"]["carriage.position"].split()[0]  # A, held out
+        assert seen.branches[-1].split()[5] == seen.errors["second"]["carriage.position"].split()[0]  # B
         assert all(Path(p).is_file() for p in seen.written)
         # a reload shows the same
         page.reload()
@@ -130,6 +133,32 @@ def test_another_record_keeps_the_zoom_and_paper_shows_what_was_out_of_sight(bro
         page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
         page.emulate_media(media="print")
         assert not page.locator(".zoom-panel:visible").count()
+
+
+def test_a_stretch_is_left_out_and_used_again_by_clicks(browser, study, tmp_path):
+    with walking.workbench(study, "--out", tmp_path) as (address, _):
+        page = walking.page_of(browser, address)
+        for _ in range(2):
+            page.locator(".zoom-bar button").first.click()  # closer
+        page.locator("button.leave", has_text="visible stretch").wait_for()
+        before = page.locator("#errors").inner_text()
+        page.locator("button.leave:enabled").click()
+        page.locator("#changed li", has_text="left out: run0 from").wait_for()
+        assert page.locator("#undo").get_attribute("title").startswith("Take the latest step back: leave out run0")
+        page.locator("#changed .again:enabled").click()
+        page.locator("#changed li").wait_for(state="detached")
+        assert page.locator("#errors").inner_text() == before
+        page.locator('#tabs button[data-view="branches"]').click()
+        assert "without run0 from" in page.locator(".branch").nth(1).inner_text()
+        page.locator(".branch .switch:enabled").click()
+        page.locator("#changed li", has_text="left out: run0 from").wait_for()
+        for taken in (4, 5, 6):
+            page.locator("#undo:enabled").click()
+            page.locator("#count", has_text=f"({taken})").wait_for()
+        page.locator("#undo:disabled").wait_for()
+        assert page.locator("#errors").inner_text() == before
+    history = json.loads((tmp_path / "history.json").read_text(encoding="utf-8"))
+    assert [s["action"] for s in history["steps"]] == ["leave_out", "use_again", "switch", *["undo"] * 3]
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.base.progress import Progress, Step, silent
+from multibody.base.progress import Progress, Step, shown_in_notebooks, silent
 from vtsdt.alignment.filter import DEFAULT, DELTA, MAX_SPEED_ERROR, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.trips import AlignmentError, Trip
@@ -29,6 +29,7 @@ _WINDOW = 0.02  # m: each height uses the samples within this distance
 _SMOOTH = 0.02
 
 
+@shown_in_notebooks
 def align(
     trips: Sequence[Trip],
     parameters: LiftParameters | None = None,

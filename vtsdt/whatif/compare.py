@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.signals.metrics import pearson, rmse
 from estimation.signals.preparation import low_pass
-from multibody.base.progress import Progress, Step, silent
+from multibody.base.progress import Progress, Step, shown_in_notebooks, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.files.trip_records import read_without_study
@@ -194,6 +194,7 @@ def with_measured_masses(parameters: LiftParameters, records: Sequence[Record]) 
     return dataclasses.replace(parameters, **changed)
 
 
+@shown_in_notebooks
 def compare_trips(
     records: Sequence[Record],
     parameters: LiftParameters | None = None,

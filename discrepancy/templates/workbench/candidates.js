@@ -3,7 +3,7 @@ wb.candidates = (function () {
   "use strict";
   const FEW = 5, NEGLIGIBLE = 1e-3;
   const { element, $ } = wb;
-  let found = null, place = "", all = false;
+  let found = null, place = "", all = false, drawn = Promise.resolve(); // once the prediction of the chosen one is drawn
 
   function forget() {
     found = null;
@@ -78,18 +78,24 @@ wb.candidates = (function () {
     const law = element("dd", "…");
     list.append(element("dt", "What it is"), element("dd", c.what), element("dt", "Law"), law, element("dt", "Causes"), element("dd", c.causes), element("dt", "Shown by"), element("dd", c.confirm));
     if (c.taken_for.length) list.append(element("dt", "Taken for"), element("dd", c.taken_for.join("; ")));
-    wb.showLaw(c.kind, law, picture);
+    drawn.then(() => wb.showLaw(c.kind, law, picture)); // its picture takes the server longer than the prediction
     more.append(element("button", "Add it and fit again", { className: "add main", disabled: wb.isBusy(), onclick: () => wb.act("add", { effect: c.name }) }), picture, list);
     return more;
   }
   async function choose(name) {
+    let done;
+    drawn = new Promise((resolve) => { done = resolve; });
     wb.hover.end();
     wb.chosen.candidate = name;
     show();
     const card = $("candidates").querySelector(".chosen");
-    if (card) card.focus({ preventScroll: true });
+    if (card) {
+      card.focus({ preventScroll: true });
+      const list = $("candidates"), above = card.getBoundingClientRect().top - list.getBoundingClientRect().top;
+      if (above < 0 || above > list.clientHeight / 2) list.scrollTop += above - 8; // the list scrolls, the page does not
+    }
     wb.machine.light(name ? name.slice(name.indexOf("@") + 1) : "");
-    try { await wb.views.time(); } catch (error) { wb.complain(error); }
+    try { await wb.views.time(); } catch (error) { wb.complain(error); } finally { done(); }
   }
   function onlyAt(name) {
     if (!found) return;

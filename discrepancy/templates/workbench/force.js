@@ -22,7 +22,7 @@ wb.showForce = function (box, found) {
       const { x, y, std } = o.curve, line = (f, style) => ({ stroke: "#0072B2", width: 2, ...style, points_: x.map((v, k) => [v, f(y[k], std[k] || 0)]) });
       const laws = o.laws.slice(0, 1).map((l) => ({ stroke: "#D55E00", width: 2, dash: [6, 3], points_: l.x.map((v, k) => [v, l.y[k]]) }));
       const turned = o.parity === "odd" ? " × direction" : "";
-      scatter(figures, `over ${o.regressor}: explains ${(100 * o.explained).toFixed(0)} %`, [{ ...dots("#aab3bc"), points_: o.x.map((v, k) => [v, o.y[k]]) }], [line((m) => m), line((m, s) => m + 2 * s, { width: 1, dash: [2, 2] }), line((m, s) => m - 2 * s, { width: 1, dash: [2, 2] }), ...laws], [`${o.regressor} [${o.unit || "1"}]`, `force${turned} [${found.unit}]`]);
+      scatter(figures, `over ${o.regressor}${turned && ", turning with the direction"}: explains ${(100 * o.explained).toFixed(0)} %`, [{ ...dots("#aab3bc"), points_: o.x.map((v, k) => [v, o.y[k]]) }], [line((m) => m), line((m, s) => m + 2 * s, { width: 1, dash: [2, 2] }), line((m, s) => m - 2 * s, { width: 1, dash: [2, 2] }), ...laws], [`${o.regressor} [${o.unit || "1"}]`, `force${turned} [${found.unit}]`]);
     }
     const laws = found.over[0].laws;
     if (laws.length) {

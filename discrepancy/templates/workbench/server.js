@@ -60,7 +60,7 @@ const wb = (function () {
   return {
     ask, send, sendAndWait, act, complain, element, svg, select, digits, $,
     state: null, // what the server said last
-    chosen: { view: "time", record: "", against: 1, candidate: "", output: "", values: null, span: null, place: "" },
+    chosen: { view: "time", record: "", against: 1, candidate: "", output: "", values: null, span: null, place: "", ends: [0, 1], branchSpan: null },
     times: {}, // ms: first picture since the page was opened, the latest figure since it was asked for
   };
 })();

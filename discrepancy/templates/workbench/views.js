@@ -4,13 +4,14 @@ wb.views = (function () {
   const { element, select, digits, chosen, $ } = wb;
   const VIEWS = {
     time: "Over time", spectra: "Over frequency", motion: "Over motion", table: "By record", where: "Where it fails",
-    force: "Unknown force",
+    force: "Unknown force", branches: "Two branches",
   };
   const FONT = "12px system-ui, sans-serif";
   let drawing = null, later = 0, asked = 0;
 
   async function show() {
-    $("tabs").replaceChildren(...Object.entries(VIEWS).map(([key, text]) => {
+    if (chosen.view === "branches" && !wb.state.branches.length) chosen.view = "time";
+    $("tabs").replaceChildren(...Object.entries(VIEWS).filter(([key]) => key !== "branches" || wb.state.branches.length).map(([key, text]) => {
       const tab = element("button", text, { className: key === chosen.view ? "on" : "", onclick: () => { chosen.view = key; drawing = null; show().catch(wb.complain); } });
       tab.dataset.view = key;
       tab.setAttribute("role", "tab");
@@ -27,11 +28,15 @@ wb.views = (function () {
       table: () => wb.ask("table", { against: chosen.against }),
       where: () => wb.ask("where"),
       force: () => wb.ask("force", { where: chosen.place }),
+      branches: () => {
+        chosen.ends = chosen.ends.map((k, side) => (k <= wb.state.branches.length ? k : side));
+        return wb.ask("branches", { one: chosen.ends[0], other: chosen.ends[1] });
+      },
     }[view]();
     if (number !== asked) return;
     $("view").replaceChildren(box);
     $("view").dataset.view = view; // what stands there now
-    ({ spectra, motion, table, where, force: wb.showForce })[view](box, found);
+    ({ spectra, motion, table, where, force: wb.showForce, branches: wb.showBranches })[view](box, found);
   }
   const output = () => (wb.state.outputs.some((o) => o.name === chosen.output) ? chosen.output : wb.state.outputs[0].name);
 
@@ -43,7 +48,7 @@ wb.views = (function () {
     if (["time", "spectra"].includes(chosen.view)) row.append(select("record", records, chosen.record, (v) => { chosen.record = v; drawing = null; show().catch(wb.complain); }));
     if (chosen.view === "motion") row.append(select("output", state.outputs.map((o) => [o.name, o.name]), output(), (v) => { chosen.output = v; show().catch(wb.complain); }));
     if (!["time", "table"].includes(chosen.view)) return;
-    const stages = [...state.stages.map((s, k) => [String(k), `compare with: ${s.title}`]), ...state.kept.map((s, k) => [String(state.stages.length + k), `compare with the branch: ${s.name}`])];
+    const stages = [...state.stages.map((s, k) => [String(k), `compare with: ${s.title}`]), ...state.branches.map((s, k) => [String(state.stages.length + k), `compare with branch ${k + 1}: ${s.title}`])];
     if (chosen.against >= stages.length) chosen.against = 1;
     row.append(select("compare with", stages, String(chosen.against), (v) => { chosen.against = Number(v); (chosen.view === "time" ? drawTime() : show()).catch(wb.complain); }));
     if (chosen.view !== "time") return;
@@ -110,7 +115,7 @@ wb.views = (function () {
   const decades = (u, k, low, high) => {
     const found = [], step = Math.max(1, Math.ceil(Math.log10(high / low) / 6));
     for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e += step) found.push(10 ** e);
-    return found;
+    return found.filter((v) => v > 0.999 * low && v < 1.001 * high);
   };
   const power = (u, ticks) => ticks.map((v) => (v >= 0.01 && v < 1e4 ? String(+v.toPrecision(3)) : `1e${Math.round(Math.log10(v))}`));
   function plot(box, title, series, data, scales, labels, options) {
