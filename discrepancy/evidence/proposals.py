@@ -45,6 +45,9 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Candidates that do what latent processes do that are fitted in full, with the noise anew: each costs some seconds.
 REFITTED = 2
+#: Share of the log evidence lost without these processes that such a candidate must regain: more than half, else it
+#: leaves most of what they do, and the noise beside it is much as before.
+REGAINED = 0.5
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
@@ -378,8 +381,9 @@ def _in_place_of_random(
         progress("what may stand in the place of what is random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
         leading = without.leading
-        if leading is not None and leading.gain > without.offset:
-            shares.append((1.0 - leading.gain / min(without.offset, -1.0), leading))
+        share = 1.0 - leading.gain / min(without.offset, -1.0) if leading is not None else 0.0
+        if leading is not None and share > REGAINED:
+            shares.append((share, leading))
     leaders: list[ScoredCandidate] = []
     for _, candidate in sorted(shares, key=lambda t: -t[0]):
         if not any(_same(candidate, other) for other in leaders):
