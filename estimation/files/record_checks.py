@@ -270,8 +270,8 @@ def constant_inputs_once(records: Sequence[Record], may_be_constant: Collection[
         return tuple(records)
     columns = [f"'{signals[0][name].column}'" for name in still]
     text = (
-        f"{', '.join(columns)}: constant within each of the {len(records)} recordings; as inputs they say what was "
-        "set, and nothing of how the machine answers to a change"
+        f"{', '.join(columns)}: constant within each of the {len(records)} recordings: these records show "
+        "nothing of how the machine answers when they change"
     )
     warned = []
     for record in records:

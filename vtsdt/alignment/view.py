@@ -14,6 +14,8 @@ from vtsdt.alignment.sections import sections
 __all__ = ["alignment_view"]
 
 Entry = dict[str, Any]
+#: Share of an interval below which one of its numbers is the difference of two equal ones.
+ROUNDING = 1e-9
 
 
 def alignment_view(folder: str | Path) -> Callable[[Mapping[str, float]], Entry]:
@@ -135,5 +137,8 @@ def _interval(value: Mapping[str, float | None], factor: float = 1.0) -> str:
     middle, low, high = (value.get(k) for k in ("value", "low", "high"))
     if middle is None:
         return "–"
-    text = f"{factor * middle:.3g}"
-    return text if low is None or high is None else f"{text} ({factor * low:.3g} to {factor * high:.3g})"
+    if low is None or high is None:
+        return f"{factor * middle:.3g}"
+    least = ROUNDING * max(abs(middle), abs(low), abs(high))
+    value_text, low_text, high_text = (f"{0.0 if abs(v) < least else factor * v:.3g}" for v in (middle, low, high))
+    return f"{value_text} ({low_text} to {high_text})"
