@@ -79,7 +79,6 @@ def diagnosed(folder: Path, model: str, connections: str = "") -> Any:
     return Study.from_file(path).diagnose()
 
 
-@pytest.mark.slow  # half a minute: models of a fresh unit are compiled
 def test_an_exported_axis_has_the_diagnosis_of_the_native_one(tmp_path: Path) -> None:
     write_records(tmp_path)
     pushed_axis().build().to_fmu(tmp_path / "axis.fmu")

@@ -21,7 +21,6 @@ case = sys.modules["fmu_lift"] = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(case)
 
 
-@pytest.mark.slow  # half a minute: models of a fresh unit are compiled
 @pytest.mark.parametrize("fmi_version", ["2.0", "3.0"])
 def test_a_lift_read_back_has_the_diagnosis_of_the_native_one(fmi_version: str, tmp_path: Path) -> None:
     case.write_case(tmp_path, fmi_version)
