@@ -273,9 +273,9 @@ def log_price(linearised: LinearisedProblem, model: NoiseModel) -> float:
     """Return what the latent processes of a noise model cost in the log evidence: zero, or negative.
 
     Each pays what it had to earn: for its size and memory, which are maximised over and not integrated out, and for its
-    name, which is one among all that are offered, as an effect does.  The size of an
-    error of an output has a prior besides, a Cauchy density whose scale is the stated noise of that output: an error
-    that is many times as large, however slowly it changes, is no noise that the owner of the sensor knows of.
+    name, which is one among all that are offered, as an effect does.  The size of an error of an output has a prior
+    besides, a Cauchy density whose scale is the stated noise of that output: an error that is many times as large,
+    however slowly it changes, is no noise that the owner of the sensor knows of.
     """
     price = _price_of_a_process(linearised) * len(model.processes)
     for process in model.processes:
@@ -286,7 +286,7 @@ def log_price(linearised: LinearisedProblem, model: NoiseModel) -> float:
 
 
 def _price_of_a_process(linearised: LinearisedProblem) -> float:
-    """Return the nats by which a latent process must raise the likelihood."""
+    """Return the nats by which a latent process must raise the likelihood; those at a standstill are not counted."""
     connections, recorded = acting_inputs(linearised)
     octaves = _frequencies(linearised).size
     offered = (len(connections) + len(linearised.residual().channels)) * (MEMORIES + octaves) + len(recorded)

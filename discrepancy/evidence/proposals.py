@@ -43,9 +43,9 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
-#: Candidates that do what latent processes do that are fitted in full, with the noise anew: each costs some seconds.
+#: Candidates that explain what is taken for random, which are fitted in full, the noise anew: each costs seconds.
 REFITTED = 2
-#: Share of the log evidence lost without these processes that such a candidate must regain: more than half, else it
+#: Share of the log evidence lost without the latent processes that such a candidate must regain: more than half, else it
 #: leaves most of what they do, and the noise beside it is much as before.
 REGAINED = 0.5
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
@@ -153,7 +153,7 @@ class Proposals:
         Best linear evidence first: under the model's noise, or under the noise that is left beside the best of them,
         whichever is larger.
     instead : tuple of ScoredCandidate
-        Those that do best what the latent processes of the noise do.
+        Those that explain best what the latent processes of the noise do; they are fitted whatever their gain.
     refused : tuple of (Entry, str)
     owned : mapping of str to str
         Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
@@ -378,7 +378,7 @@ def _in_place_of_random(
     at_best_shapes = [c.at_one_shape for c in own.ranked]
     shares: list[tuple[float, ScoredCandidate]] = []
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
-        progress("what may stand in the place of what is random")
+        progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
         leading = without.leading
         share = 1.0 - leading.gain / min(without.offset, -1.0) if leading is not None else 0.0

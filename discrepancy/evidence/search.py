@@ -155,7 +155,9 @@ class EvidenceSearch:
             return False
         before, model.likelihood = model.total, likelier
         self._refresh(model)
-        self.state.progress(f"{model.name}: log evidence {model.total - before:+.1f} with the noise of {source.name}")
+        self.state.progress(
+            f"{model.name}: log evidence {model.total - before:+.1f} with the random forces found beside {source.name}"
+        )
         return True
 
     def _extend(self, model: TriedModel) -> None:

@@ -35,7 +35,7 @@ MOST_PROCESSES = 6
 #: out the others.
 PROMISING = 4
 #: Processes of which frequency and memory are fitted before the best of them is added: those that raised the likelihood
-#: most without.
+#: most with both as offered.
 TUNED = 2
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
@@ -44,8 +44,8 @@ FIRST_SIZES = (0.3, 3.0, 30.0)
 MEMORY_FACTORS, FREQUENCY_FACTORS, FINE_FACTORS = (0.4, 2.5), (0.85, 1.18), (0.95, 1.05)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
 ROUNDS, FURTHEST = 30, 6.0
-#: How far the logarithms of a memory and of a frequency may move in one fit, and the step of their differences: those
-#: offered are four memories, evenly from two samples to a third of a record, and octaves.
+#: How far the logarithms of a memory and of a frequency may move in one fit, from one that is offered to the next (for
+#: frequencies an octave), and the step of the differences that stand for their derivatives.
 FURTHEST_MEMORY, FURTHEST_FREQUENCY, DIFFERENCE = 2.5, 0.7, 1e-3
 #: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
 #: search: what they give away is far below `WORTH`.
