@@ -44,7 +44,7 @@ FIRST_SIZES = (0.3, 3.0, 30.0)
 MEMORY_FACTORS, FREQUENCY_FACTORS, FINE_FACTORS = (0.4, 2.5), (0.85, 1.18), (0.95, 1.05)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
 ROUNDS, FURTHEST = 30, 6.0
-#: How far the logarithms of a memory and of a frequency may move in one fit, from one that is offered to the next (for
+#: How far the logarithms of a memory and of a frequency may move in one fit, from one that is offered to the next (of
 #: frequencies an octave), and the step of the differences that stand for their derivatives.
 FURTHEST_MEMORY, FURTHEST_FREQUENCY, DIFFERENCE = 2.5, 0.7, 1e-3
 #: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
