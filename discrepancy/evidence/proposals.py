@@ -45,8 +45,8 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Candidates that explain what is taken for random, which are fitted in full, the noise anew: each costs seconds.
 REFITTED = 2
-#: Share of the log evidence lost without the latent processes that such a candidate must regain: more than half, else it
-#: leaves most of what they do, and the noise beside it is much as before.
+#: Share of the log evidence lost without the latent processes that such a candidate must regain: more than half, else
+#: it leaves most of what they do, and the noise beside it is much as before.
 REGAINED = 0.5
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
