@@ -52,6 +52,7 @@ def diagnose(args: Namespace) -> int:
         if not history.exists():
             raise StudyError([f"--resume: there is no {history}: run the command without it first"])
         restore(study, history)
+        study.restart_search()
     study.checkpoint = lambda study: save_history(study, history)
     conclusion = study.diagnose()
     compared_only = study.interrupted and not conclusion.accepted

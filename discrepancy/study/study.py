@@ -376,6 +376,14 @@ class Study(SearchState):
         with self._progress_shown():
             return self._diagnosed()
 
+    def restart_search(self) -> None:
+        """Go back to before the latest search, if it is by evidence: what it had tried is not in a history.
+
+        A search by steps goes on from its latest stage.
+        """
+        if self.past and self.steps and self.steps[-1]["action"] == "search" and is_by_evidence(self):
+            self.past[-1].put_back(self)
+
     def _diagnosed(self) -> Conclusion:
         self.interrupted, self.interruption, self.untested = False, "", ""
         _ = self.stage  # made on first use

@@ -15,12 +15,14 @@ from discrepancy.effects.kind_picture import has_picture, kind_picture
 from discrepancy.effects.kinds import kind_named, kinds
 from discrepancy.effects.law_in_words import law_of
 from discrepancy.questions.compare import Comparison, compare
+from discrepancy.questions.unknown_force import UnknownForce
 from discrepancy.report.figures import stage_title
 from discrepancy.stages.stage import Stage
 from discrepancy.study.candidates import Candidates
 from discrepancy.study.history import save_history
 from discrepancy.study.snapshot import Snapshot
 from discrepancy.study.study import Study
+from discrepancy.study.what_if import simulate_with
 from discrepancy.workbench import views
 from discrepancy.workbench.candidate_list import candidate_list
 from discrepancy.workbench.force_view import force_view
@@ -71,8 +73,9 @@ class Session:
         self._error = ""
         self._comparisons: WeakKeyDictionary[Stage, Comparison] = WeakKeyDictionary()
         self._scored: Candidates | None = None  # of the stage that was scored last
-        self._forces: WeakKeyDictionary[Stage, set[str]] = WeakKeyDictionary()  # places whose missing force is known
+        self._forces: WeakKeyDictionary[Stage, dict[str, UnknownForce]] = WeakKeyDictionary()  # known, by place
         self._kinds: dict[str, Entry] = {}  # laws with their pictures, which take long to draw
+        self._beginning = threading.Lock()
         self._building = threading.Lock()  # stages of another branch are built once
         study.progress = self._progress
         study.checkpoint = lambda study: save_history(study, self.history)
@@ -94,17 +97,18 @@ class Session:
         Busy
             If there is one in hand that does not yield.
         """
-        if self._doing.get("yields") and not yields:
-            self.stop()
-            self.join()
-        with self._changed:
-            if self._work is not None:
-                raise Busy(f"wait until '{self._doing.get('what', '')}' is done, or stop it")
-            self._stop.clear()
-            self._error, self._doing = "", {"what": what, "text": "", "share": None, "yields": yields}
-            self._work = threading.Thread(target=self._run, args=(work,), daemon=True)
-        self._announce()
-        self._work.start()
+        with self._beginning:  # two requests at once: one is after the other, and what it finds in hand has started
+            if self._doing.get("yields") and not yields:
+                self.stop()
+                self.join()
+            with self._changed:
+                if self._work is not None:
+                    raise Busy(f"wait until '{self._doing.get('what', '')}' is done, or stop it")
+                self._stop.clear()
+                self._error, self._doing = "", {"what": what, "text": "", "share": None, "yields": yields}
+                self._work = threading.Thread(target=self._run, args=(work,), daemon=True)
+            self._announce()
+            self._work.start()
 
     def _run(self, work: Callable[[], object]) -> None:
         unsubscribe = on_compile(lambda name, seconds: self._progress("compile the model's equations"))
@@ -223,8 +227,8 @@ class Session:
         self.begin(*steps[action], yields=bool(given.get("yields")) and action == "score")
 
     def _estimate(self, where: str) -> None:
-        self.study.unknown_force(where)
-        self._forces.setdefault(self.study.stage, set()).add(where)
+        force = self.study.unknown_force(where)
+        self._forces.setdefault(self.study.stage, {})[where] = force
 
     def _score(self) -> None:
         self._scored = self.study.candidates()
@@ -349,7 +353,7 @@ class Session:
         against : int
             Number of the stage to compare with, among those of the study and then those of other branches.
         predict : str
-            Candidate whose linear prediction is drawn too; of identification records only.
+            Candidate whose linear prediction is drawn too, once it was scored; of identification records only.
         values : mapping of str to float, optional
             Values of parameters: the latest model simulated with them is drawn too.
         outputs : collection of str, optional
@@ -375,7 +379,7 @@ class Session:
             start=start,
             stop=stop,
             prediction=self._candidates().predict(predict) if predict else None,
-            changed=self.study.what_if(values, record) if values else None,
+            changed=simulate_with(latest, values, record) if values else None,
             outputs=outputs,
             columns=columns,
             names=BRANCHES if ends else None,
@@ -408,7 +412,10 @@ class Session:
         return {"titles": titles, "shown": shown}
 
     def _candidates(self) -> Candidates:
-        return self.study.candidates()
+        """Return the candidates of the latest stage as they were scored; what is shown computes no stage."""
+        if self._scored is None or self._scored.stage is not self._latest():
+            raise ValueError("the candidates have not been scored yet")
+        return self._scored
 
     def candidates(self) -> Entry:
         """Return the best candidates with what they are expected to change; only after they have been scored."""
@@ -425,32 +432,40 @@ class Session:
         """Return the graph of the model: its components and their connections."""
         return views.machine(self.study.problem.model)
 
+    def _latest(self) -> Stage:
+        """Return the latest stage; a question makes none, which would be beside the work in hand."""
+        stages = list(self.study.stages)
+        if not stages:
+            raise ValueError("the model is being compared with the records: ask again when that is done")
+        return stages[-1]
+
     def where(self) -> list[Entry]:
         """Return in sentences where the latest model fails."""
-        return views.where(self.study.stages[-1])
+        return views.where(self._latest())
 
     def against_motion(self, output: str) -> Entry:
         """Return the latest residual of an output over the motion and the load of every connection that moves."""
-        return views.against_motion(self.study.stages[-1], output)
+        return views.against_motion(self._latest(), output)
 
     def spectra(self, record: str = "") -> list[Entry]:
         """Return spectra and coherence of each output, and frequency responses from each input."""
-        stage = self.study.stages[-1]
+        stage = self._latest()
         return views.spectra(stage, self._comparison(stage), record)
 
     def table(self, against: int | None = None) -> list[Entry]:
         """Return the error of the latest stage by record and output, and of a stage to compare with."""
-        latest = self.study.stages[-1]
+        latest = self._latest()
         other = latest if against is None else self._other(against)
         return views.by_record(self._comparison(latest), None if other is latest else self._comparison(other))
 
     def force(self, where: str) -> Entry:
         """Return what is known of the missing force at a place, once it has been estimated, and what could be tried."""
-        stage = self.study.stages[-1]
+        stage = self._latest()
         places = [p.name for p in stage.system.places]
-        if where not in self._forces.get(stage, ()):
+        known = self._forces.get(stage, {})
+        if where not in known:
             return {"places": places, "known": False}
-        return {"places": places, "known": True, **force_view(self.study.unknown_force(where))}
+        return {"places": places, "known": True, **force_view(known[where])}
 
 
 def _title(stage: Stage) -> str:

@@ -178,6 +178,16 @@ def test_the_sliders_values_are_simulated(session):
 
 def test_candidates_are_listed_with_what_they_would_change(tmp_path):
     session = Session(Study(problem_of()), tmp_path / "history.json")
+    with pytest.raises(ValueError, match="have not been scored yet"):
+        session.candidates()
+    with pytest.raises(ValueError, match="is being compared"):
+        session.where()
+    assert not session.study.stages  # a question makes no stage: the thread of the work in hand does
+    _ = session.study.stage
+    with pytest.raises(ValueError, match="have not been scored yet"):
+        session.figures("run0", predict=NAME)
+    session.do("score", {})
+    session.join()
     listed = session.candidates()
     best = listed["rows"][0]
     assert best["name"] == NAME
