@@ -38,9 +38,10 @@ def test_a_search_killed_after_an_effect_was_added_ends_as_if_it_had_not_been(tm
         if study.accepted_stages:
             raise Killed
 
-    with monkeypatch.context() as patched, pytest.raises(Killed):
-        patched.setattr(command, "save_history", save_and_die)
+    monkeypatch.setattr(command, "save_history", save_and_die)
+    with pytest.raises(Killed):
         main([*words, str(killed)])
+    monkeypatch.undo()
     assert main([*words, str(killed), "--resume"]) == 0
     files = files_below(whole)
     assert Path("candidates_before.png") in files
