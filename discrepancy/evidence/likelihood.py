@@ -176,6 +176,18 @@ class StageLikelihood:
         fits = [fitted_noise(self.linearised, records, columns, std, offset, start, grow=grow) for start, grow in given]
         return max(fits, key=self._value)
 
+    def likeliest_values(self) -> dict[str, float]:
+        """Return the parameters, the strengths among them, of largest likelihood, within their bounds, SI.
+
+        The stage was fitted by least squares, to which what a random force does counts as an error like any other.
+        """
+        identify = self.stage.identify
+        values, bounds = identify.to_dict(), {q.name: (q.min, q.max) for q in identify.parameters}
+        moved = [n for n in self.linearised.sensitivities().names if n not in self.held]
+        for name, change in zip(moved, self.noise.change, strict=True):
+            values[name] = float(np.clip(values[name] + change, *bounds[name]))
+        return values
+
     @cached_property
     def weighted(self) -> LinearisedProblem:
         """The linearised problem as innovations: white where the model and its noise explain the records."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discrepancy.evidence.likelihood import StageLikelihood, noise_floor, record_columns
+from discrepancy.evidence.likelihood import StageLikelihood, linear_records, noise_floor, record_columns
+from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.noise_fit import RecordColumns, prior_precision
 from discrepancy.innovations.noise_model import NoiseModel
+from discrepancy.problem.problem import Problem
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import Stage
 
 __all__ = [
@@ -18,6 +22,7 @@ __all__ = [
     "gain_of_errors",
     "gain_of_scores",
     "held_out_errors",
+    "held_out_gain",
     "predictive_gain",
     "scores_of_blocks",
     "simulation_gain",
@@ -183,7 +188,42 @@ def scores_of_blocks(
     columns: Sequence[RecordColumns], model: NoiseModel, std: np.ndarray, offset: np.ndarray
 ) -> np.ndarray:
     """Return the same of records under a noise model and priors of their shared parameters."""
-    parts = max(1, -(-BLOCKS // len(columns)))
+    blocks, roots = _blocks(columns, model, max(1, -(-BLOCKS // len(columns))))
+    given = _left_out(blocks, std, offset)
+    return np.array([_score(*block, root, known) for block, root, known in zip(blocks, roots, given, strict=True)])
+
+
+def held_out_gain(problem: Problem, one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
+    """Return by how much ``one`` predicts the records held out better than ``other``, given the identification records.
+
+    Both are scored on the same samples: those at which no part of the other's machine stands still.
+    """
+    masks = samples_at_standstill(_held_out(problem, other))
+    return gain_of_scores(held_out_scores(problem, one, masks), held_out_scores(problem, other, masks))
+
+
+def held_out_scores(problem: Problem, likelihood: StageLikelihood, left_out: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the log predictive density of blocks of the records held out, given the identification records, (n,)."""
+    model, held = likelihood.noise.model, likelihood.held
+    columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
+    known = _known(_blocks(columns, model, 1)[0], std, offset)
+    linearised = _held_out(problem, likelihood)
+    later, _, _ = record_columns(linearised, linear_records(linearised, left_out), held)
+    blocks, roots = _blocks(later, model, max(1, -(-BLOCKS // len(later))))
+    return np.array([_score(*block, root, known) for block, root in zip(blocks, roots, strict=True)])
+
+
+def _held_out(problem: Problem, likelihood: StageLikelihood) -> LinearisedProblem:
+    """Return a stage's machine linearised along the records held out, in the parameters that were calibrated."""
+    fits = with_validation(problem, likelihood.stage).fits("validate")
+    quiet = tuple(replace(f, experiment=f.experiment.without_input_noise()) for f in fits)
+    return likelihood.linearised.with_calibration(replace(likelihood.stage.identify, fits=quiet))
+
+
+def _blocks(
+    columns: Sequence[RecordColumns], model: NoiseModel, parts: int
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[float]]:
+    """Return residual and shared columns of each part of each record, whitened, and the log of the whitening's root."""
     blocks, roots = [], []
     for record in columns:
         white = record.whitened(model)
@@ -192,21 +232,23 @@ def scores_of_blocks(
             part = slice(int(rows[0]) * n_c, (int(rows[-1]) + 1) * n_c)
             blocks.append((white.residual[part], white.shared[part]))
             roots.append(float(np.sum(white.log_root[rows])))
-    scores = []
-    for (e, f), root, without in zip(blocks, roots, _left_out(blocks, std, offset), strict=True):
-        r, columns_of_block = e - f @ without.change, f / without.size
-        # the covariance I + F A⁻¹ Fᵀ of a block, by the small matrix
-        inner = without.normal + columns_of_block.T @ columns_of_block
-        along = columns_of_block.T @ r
-        quadratic = float(r @ r - along @ np.linalg.solve(inner, along))
-        log_det = float(np.linalg.slogdet(inner)[1] - np.linalg.slogdet(without.normal)[1])
-        scores.append(root - 0.5 * (quadratic + log_det))
-    return np.array(scores)
+    return blocks, roots
+
+
+def _score(residual: np.ndarray, shared: np.ndarray, root: float, known: _Known) -> float:
+    """Return the log predictive density of a block, whitened, given what other blocks say of the parameters."""
+    r, columns = residual - shared @ known.change, shared / known.size
+    # the covariance I + F A⁻¹ Fᵀ of a block, by the small matrix
+    inner = known.normal + columns.T @ columns
+    along = columns.T @ r
+    quadratic = float(r @ r - along @ np.linalg.solve(inner, along))
+    log_det = float(np.linalg.slogdet(inner)[1] - np.linalg.slogdet(known.normal)[1])
+    return root - 0.5 * (quadratic + log_det)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Without:
-    """What all blocks but one say of the parameters.
+class _Known:
+    """What some blocks say of the parameters.
 
     Parameters
     ----------
@@ -222,9 +264,19 @@ class _Without:
     size: np.ndarray
 
 
+def _known(blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray) -> _Known:
+    """Return what all blocks, each residual and columns in standard deviations, say of the parameters."""
+    precision = prior_precision(prior_std)
+    whole = np.diag(precision) + sum(f.T @ f for _, f in blocks)
+    right = precision * prior_offset + sum(f.T @ e for e, f in blocks)
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    normal = whole / np.outer(size, size) + RIDGE * np.eye(size.size)
+    return _Known(change=np.linalg.solve(normal, right / size) / size, normal=normal, size=size)
+
+
 def _left_out(
     blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray
-) -> Iterator[_Without]:
+) -> Iterator[_Known]:
     """Yield for each block, its residual and columns in standard deviations, what the others say of the parameters."""
     precision = prior_precision(prior_std)
     whole = np.diag(precision) + sum(f.T @ f for _, f in blocks)
@@ -233,4 +285,4 @@ def _left_out(
     for e, f in blocks:
         own = f.T @ f / np.outer(size, size)
         normal = whole / np.outer(size, size) - own + KEPT * np.diag(np.diag(own)) + RIDGE * np.eye(size.size)
-        yield _Without(change=np.linalg.solve(normal, (right - f.T @ e) / size) / size, normal=normal, size=size)
+        yield _Known(change=np.linalg.solve(normal, (right - f.T @ e) / size) / size, normal=normal, size=size)

@@ -15,7 +15,13 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
-from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
+from discrepancy.evidence.predictive import (
+    PredictiveGain,
+    gain_of_errors,
+    held_out_errors,
+    held_out_gain,
+    predictive_gain,
+)
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
 from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.search.moves import Decision
@@ -398,13 +404,15 @@ class EvidenceSearch:
         return moves.why_irrelevant(best, without)
 
     def _confirmed(self, best: TriedModel) -> TriedModel:
-        """Drop effects that make no output of the records held out better, or some output worse, one after another.
+        """Drop effects that predict nothing of the records held out better, or some output worse, one after another.
 
         They may be there: the evidence for them stands in the probabilities.  They are not announced, because the model
-        predicts nothing better with them.
+        predicts nothing better with them.  Where forces that nobody recorded make most of an output's error, its square
+        hardly shows an effect; the log predictive score knows these forces.
         """
         state = self.state
         while best.key and best.likelihood is not None and state.problem.validate:
+            self._move_to_likeliest(best)
             here = held_out_errors(with_validation(state.problem, best.stage))
             weakest: tuple[float, TriedModel, str] | None = None
             for model in self._fitted_once(best, moves.drops(best)):
@@ -416,6 +424,13 @@ class EvidenceSearch:
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
                 helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
+                if not helps:
+                    score = held_out_gain(state.problem, best.likelihood, model.likelihood)
+                    state.progress(
+                        f"{dropped}: log predictive score of {score.blocks} blocks held out {score.gain:+.1f} "
+                        f"± {score.standard_error:.1f}"
+                    )
+                    helps = score.exceeds(POLICY.predictive_errors)
                 if helps and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue
                 most = float(gain.share.max())
@@ -423,11 +438,37 @@ class EvidenceSearch:
                     weakest = most, model, dropped
             if weakest is None:
                 return best
-            best.refuse(f"{weakest[2]} is not announced: no output of the records held out is predicted better")
+            best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better")
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])
             best = weakest[1]
         return best
+
+    def _move_to_likeliest(self, model: TriedModel) -> None:
+        """Move a model to the parameters of largest likelihood, unless it is clearly less probable there.
+
+        Trials are fitted by least squares.  Beside a large random force these are far from the likeliest parameters:
+        the strength of an effect is then mostly what the random force happened to be.  The step is that of the
+        linearised problem.  Where it is right the log evidence stays, but for what another linearisation makes of it,
+        which is some nats where dry friction sticks.
+        """
+        likelihood, prior = model.likelihood, self.prior
+        if likelihood is None or prior is None or model.at_likeliest is not None:
+            return
+        model.at_likeliest = False
+        try:
+            stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values())
+            there = likelihood.neighbour(stage)
+            evidence = log_evidence(there, prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
+            self.state.progress(f"{model.name} stays at the parameters of least squares: {error}")
+            return
+        if evidence.total < model.total - POLICY.reach:
+            return
+        self.state.progress(
+            f"{model.name}: log evidence {evidence.total - model.total:+.1f} at the likeliest parameters"
+        )
+        model.likelihood, model.evidence, model.at_likeliest = there, evidence, True
 
     def _beside_unknown_law(self, best: TriedModel) -> TriedModel:
         """Return the most probable of a model and those with one effect less or none, each with an unknown law.
@@ -513,6 +554,8 @@ class EvidenceSearch:
             except RuntimeError as error:
                 state.progress(f"{effect} could not be fitted further, the fit on trial is kept: {error}")
                 stage = with_validation(state.problem, from_trial)
+            if tried is not None and tried.at_likeliest and tried.likelihood is not None:
+                stage = state.moved_to(stage, tried.likelihood.stage.identify.to_dict())
             fitted = next(e for e in stage.effects if str(e) == str(effect))
             others = (*(e for e in stage.effects if e is not fitted), fitted)
             model = self.models.get(key_of(effects))

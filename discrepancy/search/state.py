@@ -18,6 +18,7 @@ from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import FittedValues, fitted_stage
 from discrepancy.stages.stage import Stage
+from estimation.fit.calibrate import evaluate
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -215,6 +216,23 @@ class SearchState:
     ) -> Stage:
         """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted."""
         return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=FittedValues(values, own, scale))
+
+    def moved_to(self, stage: Stage, values: Mapping[str, float]) -> Stage:
+        """Return a fitted stage at other values of its parameters; only each record's own unknowns are fitted there.
+
+        Parameters
+        ----------
+        stage : Stage
+        values : mapping of str to float
+            Of every parameter that was calibrated, SI.
+        """
+        base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
+        there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
+        records = [f.experiment for f in stage.identify.fits]
+        at = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base)
+        own = [np.array(list(f.own.values())) for f in at.fits]
+        effects = tuple(e.with_values(values) for e in stage.effects)
+        return self.restored(stage.name, effects, values, own, stage.identify.scale, stage.noise)
 
     def with_effect(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
         """Return the latest stage with an effect added, or replacing others, and everything fitted again."""
