@@ -78,8 +78,8 @@ class TriedModel:
         Whether it is the search's answer.
     unknown_law : UnknownLaw or None
         What follows the machine's state beside it, once that has been asked.
-    at_likeliest : bool or None
-        Whether its parameters are those of largest likelihood and no longer of least squares; None: not tried.
+    at_likeliest : bool
+        Whether its parameters are those of largest likelihood and no longer of least squares.
     """
 
     likelihood: StageLikelihood | None
@@ -95,7 +95,7 @@ class TriedModel:
     matters: bool = True
     taken: bool = False
     unknown_law: UnknownLaw | None = None
-    at_likeliest: bool | None = None
+    at_likeliest: bool = False
 
     def refuse(self, why: str) -> None:
         """Note that the model is not taken although the evidence is for it: the difference does not matter."""

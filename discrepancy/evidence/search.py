@@ -267,8 +267,10 @@ class EvidenceSearch:
                 p_value=p_value,
             )
             stage = self._best_fit(model, proposal, parent)
-            if stage is not None:
+            if stage is not None or not model.outcome:
                 try:
+                    if stage is None:
+                        stage = self._likeliest_near_expected(model, proposal, parent)
                     likelihood = source.neighbour(stage, proposal.noise, from_white=proposal.new_noise)
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
@@ -276,7 +278,7 @@ class EvidenceSearch:
                         model.likelihood, model.evidence = likelihood, evidence
                         likelihood.free_memory()
                 except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
-                    model.outcome = f"could not be simulated: {error}"
+                    model.outcome = str(error)
             if model.likelihood is None and not model.outcome:
                 model.outcome = "a strength is zero: it would act the other way"
             return model
@@ -306,10 +308,13 @@ class EvidenceSearch:
 
         Calibration of a model without a backlash replaces it by other parameters as well as possible, a softer spring
         for instance, and from there no small step leads to the backlash.  So what a law that is not linear in its
-        strength may begin with otherwise begins with the parameters as stated.
+        strength may begin with otherwise begins with the parameters as stated.  A fit that ends above the misfit of the
+        parent, which is the same model with strengths of zero, has ended in a minimum of its own, and is none.
         """
         best: Stage | None = None
         scale = parent.stage.identify.scale
+        added = {str(e) for e in parent.stage.effects} <= {str(e) for e in proposal.effects}
+        most = (1.0 + POLICY.relevance) * _misfit(parent.stage, scale) if added else math.inf
         starts = [(proposal.effects, False), *((effects, True) for effects in proposal.starts)]
         for effects, from_prior in starts:
             self.state.progress(f"fit with {model.name}")
@@ -318,10 +323,29 @@ class EvidenceSearch:
             except (RuntimeError, ModelError) as error:
                 model.outcome = model.outcome or f"could not be simulated: {error}"
                 continue
-            present = all(any(e.strengths.values()) for e in stage.effects)
+            present = all(any(e.strengths.values()) for e in stage.effects) and _misfit(stage, scale) <= most
             if present and (best is None or _misfit(stage, scale) < _misfit(best, scale)):
                 best = stage
         return best
+
+    def _likeliest_near_expected(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage:
+        """Return a model at its likeliest parameters, in the problem linearised at the strengths that are expected.
+
+        Least squares gives an effect that acts against a large random force no strength at all, or the wrong sign.
+
+        Raises
+        ------
+        RuntimeError
+            If the likeliest strength is none either.
+        """
+        assert parent.likelihood is not None
+        expected = self.state.unfitted(model.name, proposal.effects, parent.stage)
+        values = parent.likelihood.neighbour(expected, proposal.noise).likeliest_values()
+        stage = self.state.moved_to(expected, values)
+        if not all(any(e.strengths.values()) for e in stage.effects):
+            raise RuntimeError("a strength is zero: it would act the other way")
+        model.at_likeliest = True
+        return stage
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
@@ -453,9 +477,8 @@ class EvidenceSearch:
         which is some nats where dry friction sticks.
         """
         likelihood, prior = model.likelihood, self.prior
-        if likelihood is None or prior is None or model.at_likeliest is not None:
+        if likelihood is None or prior is None or model.at_likeliest:
             return
-        model.at_likeliest = False
         try:
             stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values())
             there = likelihood.neighbour(stage)

@@ -217,6 +217,15 @@ class SearchState:
         """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted."""
         return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=FittedValues(values, own, scale))
 
+    def unfitted(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
+        """Return a stage with effects at given strengths and another's parameters: nothing is fitted."""
+        values = start.identify.to_dict()
+        for effect in effects:
+            values |= effect.parameters()
+        own = [np.array(list(f.own.values())) for f in start.identify.fits]
+        given = FittedValues(values, own, start.identify.scale)
+        return self.fitted(name, effects, None, dict(start.noise), values=given, trial=True)
+
     def moved_to(self, stage: Stage, values: Mapping[str, float]) -> Stage:
         """Return a fitted stage at other values of its parameters; only each record's own unknowns are fitted there.
 
