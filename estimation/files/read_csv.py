@@ -141,8 +141,9 @@ def _layout(name: str, lines: Sequence[str], request: TableRequest) -> _Layout:
     delimiter, header = found
     names = tuple(cell.strip() for cell in _split(top[header.row], delimiter))
     if all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in names):
+        skipped = f", or lower skip_rows in [records], which is {request.skip_rows}" if request.skip_rows else ""
         raise RecordError(
-            [f"{name}, line {kept[header.row] + 1}: no header, the first line holds numbers: add column names"]
+            [f"{name}, line {kept[header.row] + 1}: no header, the first line holds numbers: add column names{skipped}"]
         )
     decimal = "." if delimiter == "," else _decimal(top[header.first :], delimiter)
     first = kept[header.first] if header.first < len(kept) else len(lines)
