@@ -40,7 +40,8 @@ def answer(broken: Broken, folder: Path) -> tuple[int, str, float]:
         resource.setrlimit(resource.RLIMIT_CPU, (int(LIMIT), int(LIMIT) + 2))
         code = 1
         with told.open("w") as stream, contextlib.redirect_stderr(stream), contextlib.redirect_stdout(io.StringIO()):
-            code = main(["compare", str(study), "--out", str(folder / "out"), "--quiet"])
+            os.chdir(folder)
+            code = main(["compare", str(study), "--out", str(folder / "out"), "--quiet", *broken.words])
         os._exit(code)
     _, status, used = os.wait4(process, 0)
     seconds = used.ru_utime + used.ru_stime

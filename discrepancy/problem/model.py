@@ -243,7 +243,9 @@ def check_names(
             if name in kinds[kind]:
                 continue
             elsewhere = next((other for other, known in kinds.items() if name in known), None)
-            hint = f"; it is a {elsewhere} of the model" if elsewhere else nearest_or_choices(name, kinds[kind])
+            hint = nearest_or_choices(name, kinds[kind])
+            if elsewhere:
+                hint = f"; it is a {elsewhere} of the model: name a {kind} here{hint}"
             hint = hint.replace("a input", "an input").replace("a output", "an output")
             faults.append(f"{file}, {table}: the model has no {kind} '{name}'{hint}")
 

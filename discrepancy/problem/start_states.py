@@ -65,7 +65,9 @@ def expression_fault(text: str, signals: Collection[str]) -> str:
             known = signals if node is not tree else (*WORDS, *signals)
             unknown.append(f"'{name}' is no input or output of the study{words}{nearest_or_choices(name, known)}")
         elif not isinstance(node, ast.Constant) or type(node.value) not in (int, float):
-            return f"{text!r}: only numbers, names of inputs and outputs, + - * / and brackets can stand there"
+            return (
+                f"{text!r}: only numbers, names of inputs and outputs, + - * / and brackets can stand; remove the rest"
+            )
     return "; ".join(dict.fromkeys(unknown))
 
 
@@ -124,7 +126,10 @@ def starts_of_record(values: Mapping[str, StartValue], record: Record) -> tuple[
         if isinstance(given, str) and given not in WORDS:
             number = _value(expression(given), measured)
             if not np.isfinite(number):
-                faults.append(f"[initial] \"{state}\": {given!r} is {number} at the start of '{record.name}'")
+                faults.append(
+                    f"[initial] \"{state}\": {given!r} is {number} at the start of '{record.name}': give an expression "
+                    "that is a finite number there"
+                )
             starts[state] = number
         else:
             starts[state] = given

@@ -184,7 +184,7 @@ class StudyFile:
             if driving := [n for n in mine if n in self.inputs]:
                 faults.append(
                     f'{self.path.name}, [clocks] "{pattern}": the inputs {", ".join(driving)} come from this logger: '
-                    "fit the clock of the others"
+                    "give the pattern of the other loggers, whose clocks can be fitted"
                 )
             elif mine:
                 clocks.append(FittedClock(pattern, tuple(mine), clock.offset + besides.get(pattern, 0.0)))
@@ -312,6 +312,7 @@ class _Reader:
         for name in offsets.outputs if offsets else []:
             if name not in outputs:
                 self.fault("[offsets] outputs", f"there is no output '{name}'{nearest_or_choices(name, outputs)}")
+        self.check_once("[offsets] outputs", offsets.outputs if offsets else [])
         if study:
             self.check_study(study)
         if candidates and not candidates.include:
@@ -323,6 +324,7 @@ class _Reader:
             identify = self.files("identify", records.identify)
             validate = self.files("validate", records.validate)
             self.check_time(records, (*identify, *validate))
+            self.check_clocks(clocks, (*identify, *validate))
             for text in held_out_faults(identify, validate):
                 self.fault("[records] validate", text)
             if identify and not records.validate:
@@ -402,6 +404,7 @@ class _Reader:
         if not isinstance(free, list) or not all(isinstance(name, str) for name in free):
             self.fault("[initial] free", 'must be a list of states, such as ["carriage.position"]')
             free = []
+        self.check_once("[initial] free", free)
         values: dict[str, StartValue] = {}
         free = list(free)
         for name, value in flatten(table, None, self.twice("initial")).items():
@@ -432,6 +435,10 @@ class _Reader:
         )
         return None
 
+    def check_once(self, where: str, names: Sequence[str]) -> None:
+        for name in dict.fromkeys(n for n in names if names.count(n) > 1):
+            self.fault(where, f"'{name}' is named more than once: keep one, and name the other that was meant")
+
     def names(self, table: str) -> tuple[str, ...]:
         """Return the names in a table of columns."""
         content = self.content.get(table)
@@ -444,7 +451,9 @@ class _Reader:
             both = "names two models" if model.build else "names no model"
             self.fault("[model]", f'{both}: say build = "file.py:name" or fmu = "plant.fmu"')
         if connections and not model.fmu:
-            self.fault("[connections]", "is for an FMU: a model of components has its connections itself")
+            self.fault(
+                "[connections]", "is for an FMU: a model of components has its connections itself; remove the table"
+            )
         if model.fmu:
             self.check_fmu(model)
         if not model.build:
@@ -530,7 +539,7 @@ class _Reader:
         if study.max_effects < 0:
             self.fault("[study] max_effects", "must not be negative")
         if study.most_rows < FEWEST_ROWS:
-            self.fault("[study] most_rows", f"{study.most_rows} is too few: at least {FEWEST_ROWS} are needed")
+            self.fault("[study] most_rows", f"is {study.most_rows}, and must be at least {FEWEST_ROWS}")
         if study.seed < 0:
             self.fault("[study] seed", "must not be negative")
 
@@ -546,7 +555,36 @@ class _Reader:
                 self.fault("[records]", f"{missing}: name the time column")
                 return
 
+    def check_clocks(self, clocks: Mapping[str, ClockTable], files: Sequence[Path]) -> None:
+        """Refuse a pattern that no recording fits: its clock would stay as it is without a word."""
+        names = list(dict.fromkeys(path.name for path in files))
+        for pattern in clocks:
+            if names and not any(fnmatch(name, pattern) for name in names):
+                hint = nearest_or_choices(pattern, names)
+                self.fault(f'[clocks] "{pattern}"', f"fits the name of no recording{hint}")
+
+    def check_dates(self, records: RecordsTable) -> None:
+        """Check how times are written, also where no recording of today needs it."""
+        from estimation.files.dates import format_fault, zone_fault
+
+        if records.time_format is not None and (text := format_fault(records.time_format)):
+            self.fault("[records] time_format", text)
+        if records.time_zone is not None and (text := zone_fault(records.time_zone)):
+            self.fault("[records] time_zone", text)
+        if records.time_unit is not None:
+            from multibody.base.units import UnitError, same_dimension
+
+            try:
+                wrong = "" if same_dimension(records.time_unit, "s") else f"'{records.time_unit}' is no unit of time"
+            except UnitError as error:
+                wrong = str(error)
+            if wrong:
+                self.fault("[records] time_unit", f'{wrong}; name one such as "s", "ms" or "h"')
+
     def check_records(self, records: RecordsTable) -> None:
+        self.check_dates(records)
+        if records.skip_rows < 0:
+            self.fault("[records] skip_rows", f"is {records.skip_rows}, and must not be negative")
         for key in ("resample", "longest_gap"):
             value = getattr(records, key)
             if value is not None and not value > 0.0:

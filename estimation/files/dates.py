@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.files.faults import Rows
 
-__all__ = ["CALENDAR_FROM", "calendar_text", "dates_from_text", "seconds_since_first"]
+__all__ = ["CALENDAR_FROM", "calendar_text", "dates_from_text", "format_fault", "seconds_since_first", "zone_fault"]
 
 #: Seconds since 1970 from which a number is taken for a calendar time (1973).  A recording of three years that
 #: began at zero would be taken for one too; numbers of this size leave a double no room for steps below 1e-8 s.
@@ -136,6 +136,47 @@ def dates_from_text(
         log = [f"{column}: no time zone stated, taken as {zone or 'UTC'}"]
     dates = seconds_since_first(column, stamps.dt.tz_convert("UTC").dt.tz_localize(None).to_numpy())
     return Dates(dates.seconds, dates.origin, (*dates.log, *log)), []
+
+
+def format_fault(form: str) -> str:
+    """Return what is wrong with how dates are said to be written, or an empty text.
+
+    Examples
+    --------
+    >>> format_fault("%d/%m/%Y %H:%M:%S"), format_fault("ISO8601")
+    ('', '')
+    >>> format_fault("dd/mm/yyyy")
+    "'dd/mm/yyyy' must name the parts of a date, such as %d/%m/%Y %H:%M:%S"
+    """
+    import pandas as pd
+
+    if form in ("ISO8601", "mixed"):  # names that pandas has for forms
+        return ""
+    try:
+        pd.to_datetime([pd.Timestamp("2001-02-03 04:05:06").strftime(form)], format=form)
+        sound = bool(re.search("%[A-Za-z]", form))
+    except ValueError:
+        sound = False
+    return "" if sound else f"'{form}' must name the parts of a date, such as %d/%m/%Y %H:%M:%S"
+
+
+def zone_fault(zone: str) -> str:
+    """Return what is wrong with the name of a time zone, or an empty text.
+
+    Examples
+    --------
+    >>> zone_fault("Europe/Berlin"), zone_fault("UTC"), zone_fault("+01:00")
+    ('', '', '')
+    >>> zone_fault("Europe/Berlim")
+    "there is no time zone 'Europe/Berlim': name one such as 'Europe/Berlin' or 'UTC'"
+    """
+    import pandas as pd
+
+    try:
+        pd.Timestamp("2001-01-01").tz_localize(zone)
+    except Exception:  # unknown zones raise different kinds
+        return f"there is no time zone '{zone}': name one such as 'Europe/Berlin' or 'UTC'"
+    return ""
 
 
 def _past_midnight(seconds: np.ndarray) -> np.ndarray:

@@ -141,8 +141,9 @@ def _layout(name: str, lines: Sequence[str], request: TableRequest) -> _Layout:
     delimiter, header = found
     names = tuple(cell.strip() for cell in _split(top[header.row], delimiter))
     if all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in names):
+        skipped = f", or lower skip_rows in [records], which is {request.skip_rows}" if request.skip_rows else ""
         raise RecordError(
-            [f"{name}, line {kept[header.row] + 1}: no header, the first line holds numbers: add column names"]
+            [f"{name}, line {kept[header.row] + 1}: no header, the first line holds numbers: add column names{skipped}"]
         )
     decimal = "." if delimiter == "," else _decimal(top[header.first :], delimiter)
     first = kept[header.first] if header.first < len(kept) else len(lines)
@@ -157,6 +158,11 @@ def _fast(name: str, raw: Any, layout: _Layout, request: TableRequest) -> dict[s
     body = _offset(raw, layout.first)
     if body >= len(raw) or b"\r" in raw[:SAMPLE].replace(b"\r\n", b""):
         return None
+    end = len(raw)
+    while end > body and raw[end - 1 : end] in (b"\n", b"\r"):
+        end -= 1
+    if raw.find(b"\n\n", body, end) >= 0 or raw.find(b"\n\r\n", body, end) >= 0:
+        return None  # lines without anything are no rows, and the lines below them keep their numbers
     line = raw[body : body + SAMPLE].split(b"\n", 1)[0].decode("latin-1")
     cells = dict(zip(layout.names, _split(line.strip(), layout.delimiter), strict=False))
     texts = {*request.labels, *(c for c in request.columns if cells.get(c, "").strip() and not is_number(cells[c]))}
@@ -165,7 +171,7 @@ def _fast(name: str, raw: Any, layout: _Layout, request: TableRequest) -> dict[s
     check_size(name, len(raw) * min(1.0, len(request.every) / len(layout.names)) * 4.0, len(raw))
     try:
         table = pc.read_csv(
-            pa.BufferReader(pa.py_buffer(raw).slice(body)),
+            pa.BufferReader(pa.py_buffer(raw).slice(body, end - body)),
             read_options=pc.ReadOptions(column_names=list(layout.names), block_size=1 << 22),
             parse_options=pc.ParseOptions(delimiter=layout.delimiter, ignore_empty_lines=False),
             convert_options=pc.ConvertOptions(

@@ -87,14 +87,14 @@ def _unit_fault(unit: str) -> str | None:
     except UnitError as error:
         return str(error)
     if not math.isclose(factor, 1.0, rel_tol=1e-12):
-        return f"unit '{unit}' is not SI: declare in SI units, values may be given in any unit"
+        return f"unit '{unit}' is not SI: declare it in SI units, values may be given in any unit"
     return None
 
 
 def _parameter_faults(item: Parameter) -> list[str]:
     numbers = {"default": item.default, "min": item.min, "max": item.max}
     faults = [
-        f"parameter '{item.name}': {what} is {value!r}, not a number"
+        f"parameter '{item.name}': {what} is {value!r}, not a number: give one"
         for what, value in numbers.items()
         if value is not None and not isinstance(value, int | float)
     ]

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from multibody.base.spelling import nearest
+from multibody.base.spelling import nearest, nearest_or_choices
 from multibody.base.units import UnitError, quantity, same_dimension
 from multibody.declare.declarations import Declaration, Option, Parameter, Port, State, Table, Unit
 from multibody.declare.signature import DocstringOfDeclarations, SignatureOfDeclarations, written_docstring
@@ -99,7 +99,8 @@ class Component:
                 self.faults.append(fault)
         for name in given:
             settable = [*self.values, *self.tables, *self.options, *starts]
-            self.faults.append(f"{type(self).__name__} has no parameter '{name}'{nearest(name, settable)}")
+            hint = nearest(name, settable) or nearest_or_choices(name, settable)
+            self.faults.append(f"{type(self).__name__} has no parameter '{name}'{hint}")
 
     def of_kind(self, kind: type[Any]) -> dict[str, Any]:
         """Return the declarations of one kind, by name."""

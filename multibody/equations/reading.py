@@ -86,6 +86,11 @@ def _statements_of(scope: Scope, method: str, owners: list[type], faults: list[s
     except EquationError as error:
         faults.append(f"component '{scope.name}': {error}")
         return []
+    if [a.arg for a in ast.walk(node.args) if isinstance(a, ast.arg)] != ["self"]:
+        faults.append(
+            f"{scope.name} ({owners[0].__name__}, {file}:{first}): '{method}' must take self and nothing else"
+        )
+        return []
     kind = "".join(word[0] for word in method.split("_")) if method != "equations" else ""
     rewriter = Rewriter(
         scope, function, names_written(node), file, first, f"{kind}{len(owners)}", method != "equations"
@@ -138,5 +143,7 @@ def _unassigned(scope: Scope, statements: list[Statement]) -> list[str]:
                 "or one before the branches"
             )
         for name in sorted(n for n in statement.reads & statement.writes - statement.unsure if "___local" in n):
-            faults.append(f"{statement.origin}: '{readable(name)}' is used before it has a value")
+            faults.append(
+                f"{statement.origin}: '{readable(name)}' is used before it has a value: give it one in a line above"
+            )
     return faults

@@ -12,6 +12,7 @@ from typing import Any
 
 from multibody.base.errors import EquationError
 from multibody.base.parsing import expression
+from multibody.base.spelling import nearest
 from multibody.declare.declarations import Table
 from multibody.equations import tables
 from multibody.equations.scope import Scope
@@ -67,6 +68,7 @@ _ALLOWED = (
     ast.expr_context,
     ast.Pass,
 )
+_INSTEAD = "write it with numbers, names, + - * / ** %, if and calls of functions"
 _OPERATORS = ast.Add | ast.Sub | ast.Mult | ast.Div | ast.Pow | ast.Mod
 _COMPARISONS: dict[type, Callable[[Any, Any], bool]] = {
     ast.Eq: lambda a, b: a == b,
@@ -135,7 +137,7 @@ class Rewriter(ast.NodeTransformer):
         for part in out:
             for inner in ast.walk(part):
                 if isinstance(inner, ast.Constant) and not isinstance(inner.value, bool | int | float):
-                    raise self.refuse(node, f"{inner.value!r} is not a number")
+                    raise self.refuse(node, f"{inner.value!r} is not a number: write one")
         return out
 
     # ---------------------------------------------------------------- names and numbers
@@ -157,17 +159,21 @@ class Rewriter(ast.NodeTransformer):
             number = getattr(math, path[0])
             if isinstance(number, float) and number == number:
                 return constant(number)
-        raise self.refuse(node, "only attributes of self and of math can be used in equations")
+        raise self.refuse(node, "only attributes of self and of math can be used in equations: use one of these")
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         if node.id in self.locals:
             return ast.Name(self.local_name(node), node.ctx)
         if node.id not in self.globals and node.id not in self.closure:
-            raise self.refuse(node, f"'{node.id}' is not defined")
+            known = [*self.locals, *(n for n in self.globals if not n.startswith("__"))]
+            hint = nearest(node.id, known) or ", or use self.… for what the component declares"
+            raise self.refuse(node, f"'{node.id}' is not defined: give it a value first{hint}")
         value = self.closure.get(node.id, self.globals.get(node.id))
         if isinstance(value, bool | numbers.Real) and value == value:
             return constant(value)
-        raise self.refuse(node, f"'{node.id}' is a {type(value).__name__}; equations can use numbers only")
+        raise self.refuse(
+            node, f"'{node.id}' is a {type(value).__name__}: equations can use numbers only; call a function for more"
+        )
 
     def local_name(self, node: ast.Name) -> str:
         """Return the global name of a local one."""
@@ -194,36 +200,50 @@ class Rewriter(ast.NodeTransformer):
             if func.value.id == "self":
                 table = self.scope.component.declarations.get(func.attr)
                 if not isinstance(table, Table) or len(node.args) != 1:
-                    raise self.refuse(node, "only a declared table can be called on self, with one argument")
+                    raise self.refuse(
+                        node,
+                        "only a declared table can be called on self, with one argument: write a plain function",
+                    )
                 return self.table_call(func.attr, table, self.visit(node.args[0]))
             if func.attr in ARITY:
                 raise self.refuse(node, f"write math.{func.attr} in equations")
         if isinstance(func, ast.Name) and func.id not in self.locals:
             if func.id in BUILTIN_FUNCTIONS:
-                self._count(node, func.id, len(node.args) == 1 if func.id == "abs" else len(node.args) > 1)
+                self._count(
+                    node,
+                    func.id,
+                    *((len(node.args) == 1, "1") if func.id == "abs" else (len(node.args) > 1, "2 or more")),
+                )
                 return ast.Call(ast.Name(func.id, ast.Load()), self._arguments(node), [])
             kernel = self.closure.get(func.id, self.globals.get(func.id))
             kernel = getattr(kernel, "py_func", kernel)  # decorated with numba's njit
             if inspect.isfunction(kernel):
                 takes = kernel.__code__.co_argcount
-                self._count(node, func.id, len(node.args) == takes, f"takes {takes} arguments")
+                self._count(node, func.id, len(node.args) == takes, str(takes))
                 name = ast.Name(self.kernel_name(func.id, kernel), ast.Load())
                 return ast.Call(name, self._arguments(node), [])
-        raise self.refuse(node, "only math.*, abs, min, max, tables and plain functions can be called")
+        name = ast.unparse(func)
+        hint = nearest(name, [*BUILTIN_FUNCTIONS, *(n for n, f in self.globals.items() if inspect.isfunction(f))])
+        raise self.refuse(
+            node,
+            "only math.*, abs, min, max, tables and plain functions can be called: write what it does with these"
+            f"{hint}",
+        )
 
     def _math_call(self, node: ast.Call, func: ast.Attribute) -> ast.expr:
         if func.attr not in ARITY:
-            raise self.refuse(node, f"math.{func.attr} is not available in equations")
+            raise self.refuse(node, f"math.{func.attr} is not available in equations: use one of {', '.join(ARITY)}")
         takes = ARITY[func.attr]
-        self._count(node, f"math.{func.attr}", len(node.args) == takes, f"takes {takes} argument(s)")
+        self._count(node, f"math.{func.attr}", len(node.args) == takes, str(takes))
         return ast.Call(func, self._arguments(node), [])
 
     def _arguments(self, node: ast.Call) -> list[ast.expr]:
         return [self.visit(a) for a in node.args]
 
-    def _count(self, node: ast.Call, name: str, fits: bool, wanted: str = "") -> None:
+    def _count(self, node: ast.Call, name: str, fits: bool, wanted: str) -> None:
         if not fits:
-            raise self.refuse(node, f"{name} is called with {len(node.args)} arguments{wanted and f' but {wanted}'}")
+            given = f"{name} is called with {len(node.args)} argument{'' if len(node.args) == 1 else 's'}"
+            raise self.refuse(node, f"{given}, and must have {wanted}")
 
     def kernel_name(self, name: str, kernel: Callable[..., Any]) -> str:
         """Return the name of a called function in the generated source; different functions get different names."""
@@ -289,7 +309,7 @@ class Rewriter(ast.NodeTransformer):
     def visit_For(self, node: ast.For) -> ast.stmt:
         call = node.iter
         if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name) or call.func.id != "range":
-            raise self.refuse(node, "only 'for i in range(...)' with a fixed count is available")
+            raise self.refuse(node, "a loop must be 'for i in range(...)' with a fixed count")
         if node.orelse or not isinstance(node.target, ast.Name):
             raise self.refuse(node, "a loop counts one name and has no 'else'")
         bounds = [self.visit(a) for a in call.args]
@@ -327,16 +347,16 @@ class Rewriter(ast.NodeTransformer):
     def visit_Expr(self, node: ast.Expr) -> Any:
         if isinstance(node.value, ast.Constant):
             return None  # a docstring
-        raise self.refuse(node, "a line must assign something")
+        raise self.refuse(node, "a line must assign something: write name = … or remove it")
 
     def generic_visit(self, node: ast.AST) -> Any:
         if not isinstance(node, _ALLOWED):
             kind = type(node).__name__
-            raise self.refuse(node, f"{_PLAIN.get(kind, kind)} is outside the subset for equations")
+            raise self.refuse(node, f"{_PLAIN.get(kind, kind)} is outside the subset for equations: {_INSTEAD}")
         if isinstance(node, ast.BinOp) and not isinstance(node.op, _OPERATORS):
-            raise self.refuse(node, "this operator is outside the subset for equations")
+            raise self.refuse(node, f"this operator is outside the subset for equations: {_INSTEAD}")
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Invert):
-            raise self.refuse(node, "'~' is outside the subset for equations")
+            raise self.refuse(node, f"'~' is outside the subset for equations: {_INSTEAD}")
         return super().generic_visit(node)
 
 

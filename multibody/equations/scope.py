@@ -44,12 +44,16 @@ class Scope:
         if head == "der" and len(path) == 2:
             if not isinstance(known.get(path[1]), State):
                 hint = nearest(path[1], self.component.of_kind(State))
-                raise EquationError(f"{where}: 'self.der.{path[1]}' is not the rate of a declared state{hint}")
+                raise EquationError(
+                    f"{where}: 'self.der.{path[1]}' is not the rate of a declared state: declare one{hint}"
+                )
             return ast.Name(variable(self.name, "_der", path[1]), ast.Load())
         if head == "zero" and len(path) == 2:
             if not isinstance(known.get(path[1]), Unknown):
                 hint = nearest(path[1], self.component.of_kind(Unknown))
-                raise EquationError(f"{where}: 'self.zero.{path[1]}' is not the equation of a declared unknown{hint}")
+                raise EquationError(
+                    f"{where}: 'self.zero.{path[1]}' is not the equation of a declared unknown: declare one{hint}"
+                )
             return ast.Name(variable(self.name, "_zero", path[1]), ast.Load())
         item = known.get(head)
         if isinstance(item, Option) and len(path) == 1:
@@ -59,12 +63,12 @@ class Scope:
         if isinstance(item, Port):
             if len(path) == 2 and path[1] in item.units:
                 return ast.Name(variable(self.name, head, path[1]), ast.Load())
-            hint = nearest(path[-1], item.units) or f"; it has {', '.join(item.units)}"
+            hint = nearest(path[-1], item.units) or f"; name one of {', '.join(item.units)}"
             what = f"has no '{path[1]}'" if len(path) == 2 else f"is used by its quantities (self.{head}.…)"
             raise EquationError(f"{where}: 'self.{'.'.join(path)}': a {item.domain} port {what}{hint}")
         if isinstance(item, Table):
             raise EquationError(f"{where}: table 'self.{head}' is used by calling it, self.{head}(…)")
-        raise EquationError(f"{where}: 'self.{'.'.join(path)}' is not declared{nearest(head, known)}")
+        raise EquationError(f"{where}: 'self.{'.'.join(path)}' is not declared: declare it{nearest(head, known)}")
 
     def _own_names(self, path: list[str]) -> list[str]:
         """Return a path with the name of a port's quantity in its own domain, for laws of both domains."""
@@ -93,7 +97,7 @@ class Scope:
                 return f"the {path[1]} of a port is shared: declare the port with prescribed=True to give it"
             return f"'{path[1]}' of a port follows from the others and cannot be assigned"
         if path == ["time"]:
-            return "time cannot be assigned"
+            return "time cannot be assigned: use another name"
         kind = type(item).__name__.lower()
         article = "an" if kind[0] in "aeiou" else "a"
         return f"{article} {kind} cannot be assigned: use another name for the result"

@@ -193,7 +193,9 @@ def _members(path: Path) -> list[str]:
             names = file.namelist()
             bad = file.testzip()
     except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
-        raise FmuError(f"'{path.name}': is no FMU, an FMU is a zip file: {_first_line(error)}") from error
+        raise FmuError(
+            f"'{path.name}': is no FMU, an FMU is a zip file ({_first_line(error)}): export it again"
+        ) from error
     if bad is not None:
         raise FmuError(f"'{path.name}': the file is damaged at '{bad}'")
     for name in names:

@@ -32,7 +32,7 @@ from multibody.solvers.kernels.stepping import (
     WORST,
     T,
 )
-from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS, too_many
+from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS, RUNAWAY, fastest_state, too_many
 from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["NativeSolver", "Samples"]
@@ -332,8 +332,15 @@ class NativeSolver(OdeSolver):
         if status == TOO_SMALL and tally[DONE] == 0:
             return False, self._explanation()
         if self.nfev > self.max_evaluations and status != FINISHED:
-            return False, StopMessage(too_many(self.nfev, self.max_evaluations, self.t), Stop.TOO_MANY_EVALUATIONS)
+            return False, self._given_up()
         return True, None
+
+    def _given_up(self) -> StopMessage:
+        problem, x = self.problem, self.y[: self.problem.n]
+        if not np.all(np.abs(x) < RUNAWAY) and problem.explain is not None and (text := problem.explain(self.t, x)):
+            return StopMessage(text, Stop.NOT_FINITE)
+        fastest = fastest_state(lambda state: problem.derivative(self.t, state), x, problem.name_of)
+        return StopMessage(too_many(self.nfev, self.max_evaluations, self.t, fastest), Stop.TOO_MANY_EVALUATIONS)
 
     def _explanation(self) -> StopMessage:
         problem = self.problem

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.solvers.limits import RUNAWAY
+
 if TYPE_CHECKING:
     from multibody.system.compiled import CompiledSystem
 
@@ -21,8 +23,6 @@ __all__ = ["not_finite", "not_finite_beyond"]
 SHOWN = 6
 #: Characters of an equation that a message shows.
 LONGEST = 160
-#: A state beyond this has left everything that a machine can be.
-RUNAWAY = 1e100
 #: Sizes of trial steps beyond a state where a solver came to a stop, s: what lies ahead within them is found.
 AHEAD = 10.0 ** np.arange(-12.0, 1.0, 0.5)
 

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - a table of faults, one a line
-"""Broken studies, models and recordings by kind, and the rule by which the answer to each is judged.
+"""Broken studies, models, recordings and options by kind, and the rule by which the answer to each is judged.
 
 A kind is one fault at one place; an input is a kind with one of its values.  Every one must be refused.  The answer is
 
@@ -57,13 +57,13 @@ STUDY = {
 }
 #: Words of which a message holds one where it says what to do.
 REMEDIES = re.compile(
-    r"nearest|there are |required|did you mean|must |needs? |change |choose |give |name |write |add |use |take |leave |"
+    r"\b(nearest|there are |required|did you mean|must |needs? |change |choose |give |name |write |add |use |take |leave |"
     r"set |check |repair|save |export|keep |correct|record again|copy |cut |remove|say |quote|lower |install|has to be|"
-    r"higher|allow|unpack|rename|include more|sort |resample|end with|separate",
+    r"higher|allow|unpack|rename|include more|sort |resample|end with|separate|assign |declare )",
     re.IGNORECASE,
 )
 NAMES_A_PLACE = re.compile(
-    r"study\.toml|cart\.py|\b[ab]\.(csv|parquet|mat|xyz|csv\.gz)|\[\w+\]|component '|model 'cart'|--\w+"
+    r"study\.toml|cart\.py|\b[ab]\.(csv|parquet|mat|xyz|csv\.gz)|\[\w+\]|component '|model 'cart'|--\w+|'cart' on record"
 )
 
 
@@ -79,12 +79,15 @@ class Broken:
         What differs from the sound study.
     culprits : tuple of str
         Texts of which a clear message holds one.
+    words : tuple of str
+        Further words of the command.
     """
 
     kind: str
     variant: str
     files: dict[str, str | bytes]
     culprits: tuple[str, ...] = field(default=())
+    words: tuple[str, ...] = field(default=())
 
 
 def rows(seed: int) -> np.ndarray:
@@ -408,9 +411,207 @@ def of_models() -> Iterator[Broken]:
         yield Broken(f"cart.py: {word}", "", {"cart.py": raw}, ("cart.py",))
 
 
+def of_rarer_keys() -> Iterator[Broken]:
+    """Yield faults of keys that the sound study does not need."""
+    optional = {
+        "low_pass_hz": ("number",), "edge": ("number",), "resample": ("number",), "trip": ("text",), "drop_nan": ("true",),
+        "drop_duplicates": ("true",), "gaps": (), "longest_gap": ("number",), "time_unit": (), "time_format": (),
+        "time_zone": (), "skip_rows": (), "uneven": (),
+    }  # fmt: skip
+    for key, fitting in optional.items():
+        for word, value in WRONG_TYPES.items():
+            if word not in fitting:
+                yield Broken(f"records.{key}: another type", word, changed("records", key, value), (key,))
+    for key, values in {
+        "time_unit": ('"parsec"', '"9**9**9"', '"m"', '"N"', '"s s s"'),
+        "time_zone": ('"Europe/Nowhere"', '"+99:00"', '"CETT"'),
+        "time_format": ('"%"', '"%Q"'),
+        "skip_rows": ("-1", "199", "1000000", "1.5"),
+        "trip": ('"trip_no"', '"force"', '"a.csv"'),
+        "gaps": ('"splitt"', '"join"'),
+        "uneven": ('"own instant"', '"allow"'),
+    }.items():
+        for value in values:
+            files = changed("records", key, value)
+            yield Broken(f"records.{key}: cannot be", value, files, (key, value.strip('"')))
+    for key, values in {
+        "search": ('"evidences"', '"fast"', "1"),
+        "most_rows": ("0", "-1", "100", "1.5", '"all"'),
+        "inputs": ('"recorded"', "true"),
+        "residual": ('"simulations"', '"backward"'),
+    }.items():
+        for value in values:
+            yield Broken(f"study.{key}: cannot be", value, changed("study", key, value), (key, value.strip('"')))
+    for value in (
+        '"2.3 - body.positoin"', '"2.3 -"', '"position("', '"2 ** position"', '"os.system"', '"measurd"', '"equilibrum"',
+        '"position / 0"', "[1.0]", "true", "{ record = {} }", '{ record = { "x*" = 1.0 } }', "{ records = 1.0 }",
+        '{ record = { "*" = "nowhere" } }', '"1e999"', '"((((position"',
+    ):  # fmt: skip
+        files = changed("initial", '"body.position"', value)
+        files["study.toml"] = str(files["study.toml"]).replace('free = ["body.position"]', "")
+        yield Broken("initial: a start that cannot be", value, files, ("body.position",))
+    for value in ('["body.positn"]', '["speed"]', '["guide.viscous"]', '["body.velocity", "body.velocity"]'):
+        yield Broken("initial.free: cannot be", value, changed("initial", "free", value), ("free", "body.velocity"))
+    for value in ('["sped"]', '["force"]', '["body.velocity"]', '["speed", "speed"]'):
+        yield Broken("offsets.outputs: cannot be", value, changed("offsets", "outputs", value), ("outputs",))
+    text = toml(STUDY)
+    for entry in (
+        '"c*.csv" = { offset = 0.5 }', '"a.csv" = { offset = nan }', '"a.csv" = { offset = "a" }', '"a.csv" = { ofset = 1.0 }',
+        '"a.csv" = 0.5', '"*" = { fit = 1 }', '"*" = { fit = true }', '"" = { offset = 1.0 }',
+    ):  # fmt: skip
+        yield Broken("clocks: cannot be", entry, {"study.toml": f"{text}[clocks]\n{entry}\n"}, ("clocks",))
+    for entry in ('"guide" = { force = "F", motion = "s", rate = "v" }', '"guide" = { force = "F" }', "x = 1"):
+        yield Broken(
+            "connections: cannot be", entry, {"study.toml": f"{text}[connections]\n{entry}\n"}, ("connections",)
+        )
+    for key in (
+        "guide.viscos",
+        "guid.viscous",
+        "body",
+        "body.velocity",
+        "viscous",
+        "guide.viscous.x",
+        "drive.force",
+        "Body.m",
+    ):
+        entry = f'"{key}" = {{ std = 0.1 }}\n'
+        yield Broken(
+            "uncertain: no parameter",
+            key,
+            {"study.toml": text.replace("[uncertain]\n", f"[uncertain]\n{entry}")},
+            (key,),
+        )
+    for key in ("forc", "drive.force", "position", "body", "speed"):
+        yield Broken("inputs: no input", key, {"study.toml": text.replace('"force" =', f'"{key}" =')}, (key, "force"))
+    for key in ("positon", "force", "body.m", "body", "body.positionn"):
+        yield Broken("outputs: no output", key, {"study.toml": text.replace('"position" =', f'"{key}" =')}, (key,))
+    for name in ("a.fmu", "nowhere.fmu", "cart.py"):
+        for word, raw in {"noise": np.random.default_rng(3).bytes(400), "text": b"a unit", "nothing": b""}.items():
+            tables = {**STUDY, "model": {"fmu": f'"{name}"'}}
+            files = {"study.toml": toml(tables), "a.fmu": raw}
+            yield Broken("model.fmu: no unit", f"{name}, {word}", files, (name, "fmu"))
+
+
+def of_options() -> Iterator[Broken]:
+    """Yield faults of options of the command."""
+    for option, values in {
+        "--memory": ("0", "-1", "nan", "inf", "a", "1e-9", ""),
+        "--time-limit": ("0", "-1", "nan", "a", ""),
+        "--out": ("study.toml/out", "study.toml", "a.csv"),
+    }.items():
+        for value in values:
+            yield Broken(f"{option}: cannot be", value, {}, (option, value or option), (option, value))
+    for option in ("--memry", "--ouut", "--level", "--seeed"):
+        yield Broken("an option that is not there", option, {}, (option,), (option, "1"))
+    yield Broken("a word too many", "", {}, ("b.toml",), ("b.toml",))
+
+
+PART = """
+import math
+from multibody import Component, Model, Output, Parameter, Power, State, Table, Translation
+from multibody.library import ForceSource, Mass
+
+def twice(x):
+    return 2.0 * x
+
+class Guide(Component):
+    "Friction of the guide."
+    c = Parameter(3.0, "N*s/m", "friction", min=0.0)
+    flange = Translation("the body")
+    warming = State("K", "above the start")
+    shown = Output("N", "friction")
+    power = Power(kind="loss")
+
+    def equations(self):
+        v = self.flange.velocity
+        f = self.c * v
+        self.shown = f
+        self.flange.force = -f
+        self.power = f * v
+        self.der.warming = f * v / 500.0
+
+def build(mass=2.0):
+    model = Model("cart")
+    body = model.add("body", Mass(m=mass))
+    drive = model.add("drive", ForceSource())
+    guide = model.add("guide", Guide())
+    model.connect(drive.flange, body.flange, guide.flange)
+    model.input("force", drive.force)
+    model.output("position", "body.position")
+    model.output("speed", "body.velocity")
+    return model
+"""
+
+
+def of_equations() -> Iterator[Broken]:
+    """Yield faults of a component that the study's author wrote."""
+    law = "        f = self.c * v\n"
+    for word in (
+        "1.0 / (v - v)", "0.0 * v / (0.0 * v)", "math.sqrt(-1.0 - v**2)", "math.log(-abs(v))", "math.log(v - v)",
+        "math.exp(1e4 + v)", "1e300 * 1e300 * v", "v * float('nan')", "math.acos(2.0 + v**2)", "(-1.0 - v**2) ** 0.5",
+        "math.sqrt(v - 1.0)", "1.0 / self.warming", "-1e6 * v", "-1e12 * v", "math.tan(math.pi / 2.0) * 1e300 * v",
+    ):  # fmt: skip
+        yield Broken(
+            "an equation without a value",
+            word,
+            {"cart.py": PART.replace(law, f"        f = {word}\n")},
+            ("guide", "Guide"),
+        )
+    for word in (
+        "self.d * v", "self.c * u", "self.flange.speed", "self.flang.velocity", "self.der.heat", "twise(v)", "twice(v, v)",
+        "math.erfinv(v)", "max(v)", "[v][0]", "'v'", "v @ v", "lambda: v", "print(v)", "np.sin(v)", "v if v else", "v.real",
+        "{1: v}[1]", "sum([v])", "f + v", "self", "None", "v := 1.0", "open('a.csv')", "__import__('os')", "self.c.real",
+        "await v", "math.sin", "math.sin()", "1j * v", "self.equations()", "twice", "v << 2", "v[0]", "*v", "...",
+    ):  # fmt: skip
+        yield Broken(
+            "an equation that cannot be read",
+            word,
+            {"cart.py": PART.replace(law, f"        f = {word}\n")},
+            ("guide", "Guide", "cart.py"),
+        )
+    for word in (
+        "while v > 0.0:\n            v = v - 1.0", "for k in v:\n            f = k", "import os", "return v", "del v", "global v",
+        "try:\n            f = v\n        except ValueError:\n            f = v", "with v:\n            f = v", "raise ValueError",
+        "def g():\n            return v", "class G:\n            pass", "assert v > 0.0", "if v > 0.0:\n            f = v",
+        "f: str = v", "f, g = v", "self.c = v", "self.flange.velocity = v", "yield v", "pass",
+        "for k in range(10**9):\n            f = v + k", "self.time = v", "self.new = v",
+    ):  # fmt: skip
+        yield Broken(
+            "a statement that equations cannot have",
+            word.splitlines()[0],
+            {"cart.py": PART.replace(law, f"        {word}\n")},
+            ("guide", "Guide", "cart.py"),
+        )
+    for missing in ("self.shown = f", "self.der.warming = f * v / 500.0", "self.power = f * v"):
+        yield Broken(
+            "a quantity without an equation",
+            missing,
+            {"cart.py": PART.replace(f"        {missing}\n", "")},
+            ("guide", "Guide"),
+        )
+    for word, (old, new) in {
+        "unit": ('"N*s/m"', '"N*s/mm"'), "unknown unit": ('"N*s/m"', '"N*s/meterr"'), "huge unit": ('"N*s/m"', '"9**9**9"'),
+        "default": ("Parameter(3.0", "Parameter('3'"), "default below": ("Parameter(3.0", "Parameter(-3.0"),
+        "default NaN": ("Parameter(3.0", "Parameter(float('nan')"), "no default": ("Parameter(3.0", "Parameter(None"),
+        "bounds": ("min=0.0", "min=9.0, max=1.0"), "bound of text": ("min=0.0", "min='0'"), "option": ("min=0.0", "least=0.0"),
+        "kind": ('kind="loss"', 'kind="heat"'), "no unit": ('Output("N", "friction")', "Output()"),
+        "reserved": ("    warming = State", "    time = State"), "start": ('State("K", "above the start")', 'State("K", "above", start="a")'),
+        "start NaN": ('State("K", "above the start")', 'State("K", "above", start=float("nan"))'), "no class": ("(Component)", "(object)"),
+        "no equations": ("def equations(self)", "def equation(self)"), "arguments": ("def equations(self)", "def equations(self, t)"),
+        "not called": ("Guide())", "Guide)"), "a value too many": ("Guide())", "Guide(d=3.0))"), "a value of text": ("Guide())", 'Guide(c="fast"))'),
+        "another unit": ("Guide())", 'Guide(c="3 kg"))'), "below its bound": ("Guide())", "Guide(c=-3.0))"),
+        "two domains": ("guide.flange)", "guide.flange, guide.shown)"), "no flange": ("guide.flange)", "guide.flnge)"),
+        "init": ('    "Friction of the guide."', "    def __init__(self):\n        pass"),
+        "a name with a blank": ('"guide", Guide', '"guide a", Guide'), "an empty name": ('"guide", Guide', '"", Guide'), "a number as name": ('"guide", Guide', "3, Guide"),
+    }.items():  # fmt: skip
+        yield Broken(
+            f"a component of one's own: {word}", "", {"cart.py": PART.replace(old, new)}, ("guide", "Guide", "cart")
+        )
+
+
 def corpus() -> list[Broken]:
     """Return every broken input."""
-    return [*of_study(), *of_recordings(), *of_models()]
+    return [*of_study(), *of_recordings(), *of_models(), *of_rarer_keys(), *of_options(), *of_equations()]
 
 
 def write(broken: Broken, folder: Path) -> Path:

@@ -313,3 +313,18 @@ def test_a_record_cannot_be_changed(tmp_path):
     with pytest.raises(TypeError):
         record.signals["y"] = record.signals["x"]
     assert list(record.frame().columns) == ["x [m]"]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("where", ["at the end", "between"])
+def test_lines_without_anything_are_no_rows_and_count_as_lines(tmp_path, end: str, where: str) -> None:
+    lines = ["t_s,a_m", *(f"{0.1 * k:.1f},{k}" for k in range(20))]
+    lines[10:10] = [""] if where == "between" else []
+    path = tmp_path / "a.csv"
+    path.write_bytes(end.join([*lines, "", ""]).encode())
+    record = read_record(path, time="t_s", columns={"a": "a_m"})
+    np.testing.assert_array_equal(record.signals["a"].values, np.arange(20.0))
+    lines[15] = "1.3,none"
+    path.write_bytes(end.join([*lines, "", ""]).encode())
+    with pytest.raises(RecordError, match="line 16"):
+        read_record(path, time="t_s", columns={"a": "a_m"})

@@ -25,6 +25,9 @@ __all__ = [
     "whole",
 ]
 
+#: Less is a wrong unit: the records of the smallest study take more.
+LEAST_GIGABYTES = 0.01
+
 
 class CommandError(ValueError):
     """A command cannot be carried out; the message gives the reason and the remedy."""
@@ -54,6 +57,8 @@ class Parser(argparse.ArgumentParser):
             close = difflib.get_close_matches(choice[2], known, n=1, cutoff=0.5)
             hint = f"; did you mean '{close[0]}'?" if close else f": take one of {', '.join(known)}"
             message = f"there is no {choice[1].lower()} '{choice[2]}'{hint}"
+        elif message.startswith("unrecognized arguments"):
+            message += ": take out what is too much, or quote a name with blanks"
         raise CommandError(f"{message}\n{self.format_usage().strip()}")
 
 
@@ -124,9 +129,14 @@ def memory_limit(words: Sequence[str]) -> tuple[list[str], float | None]:
     Raises
     ------
     CommandError
-        If it is no number above zero.
+        If it is no number above zero, or so little that nothing could be held.
     """
-    return _limit(words, "--memory", "amount of memory", "of gigabytes, such as --memory 4")
+    kept, limit = _limit(words, "--memory", "amount of memory", "of gigabytes, such as --memory 4")
+    if limit is not None and limit < LEAST_GIGABYTES:
+        raise CommandError(
+            f"--memory: {limit:g} GB must be at least {LEAST_GIGABYTES}: give gigabytes, such as --memory 4"
+        )
+    return kept, limit
 
 
 def _limit(words: Sequence[str], option: str, what: str, remedy: str) -> tuple[list[str], float | None]:
