@@ -55,15 +55,22 @@ def bench_twice() -> Callable[[], Any]:
     return _extended()
 
 
-def _online(size: int) -> Callable[[], Any]:
+def _online(size: int, *, unscented: bool = False) -> Callable[[], Any]:
     """Return the filter fed by blocks of some samples; the seconds that it gives are those of one sample."""
     from estimation.filters import OnlineFilter
 
     sensor, trip, samples, noise = _problem()
     model, prior = sensor.model(), sensor.prior(trip)
+    options: dict[str, Any] = {"once": True}
+    if unscented:
+        from vtsdt.alignment.filter import TUNINGS, GuideFilter
+
+        quiet = GuideFilter(parameters=sensor.parameters, tuning=TUNINGS["quiet"])
+        model, prior, noise = quiet.model(), quiet.prior(trip), quiet.run(trip).noise
+        options = {"method": "unscented"}
 
     def work() -> float:
-        twin, took = OnlineFilter(model, noise, prior, once=True), []
+        twin, took = OnlineFilter(model, noise, prior, **options), []
         for k in range(0, samples.count - size + 1, size):
             rows = slice(k, k + size)
             start = time.perf_counter()
@@ -82,6 +89,11 @@ def bench_online_sample() -> Callable[[], Any]:
 def bench_online_block() -> Callable[[], Any]:
     """beside the machine, blocks of 20 samples: time of one (median)"""
     return _online(20)
+
+
+def bench_online_unscented() -> Callable[[], Any]:
+    """unscented beside the machine, one sample at a time: time of one (median)"""
+    return _online(1, unscented=True)
 
 
 def bench_central() -> Callable[[], Any]:

@@ -133,7 +133,7 @@ class ExtendedFilter:
             faults.append(f"discretisation is '{discretisation}': take one of {', '.join(_DISCRETISATION)}")
         if faults:
             raise FilterError("filter", faults)
-        self.model, self.noise = model, noise
+        self.model, self.noise, self.hold = model, noise, hold
         self.q, self.r = noise.of(model)
         self.square_root = square_root
         self.gate = 0.0 if gate is None else float(gate)

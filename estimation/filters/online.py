@@ -1,8 +1,8 @@
-"""The extended Kalman filter beside a running machine: one sample or one block at a time.
+"""A Kalman filter beside a running machine: one sample or one block at a time.
 
-A filter that is fed sample by sample gives what `extended_kalman_filter` gives for the whole record, also when it was
-saved and resumed in between, and when readings came late.  Without readings a step is a simulation by Runge and Kutta's
-method of order 4.
+A filter that is fed sample by sample gives what `extended_kalman_filter` or `unscented_kalman_filter` gives for the
+whole record, also when it was saved and resumed in between, and when readings came late.  Without readings a step of
+the extended filter is a simulation by Runge and Kutta's method of order 4, one of the unscented the mean of several.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,8 +22,11 @@ from estimation.filters.noise import Noise, Prior
 from estimation.filters.online_state import OnlineState
 from estimation.filters.run import FilterRun
 from estimation.filters.samples import FilterSamples
+from estimation.filters.unscented_kalman import UnscentedFilter
 
 __all__ = ["OnlineFilter"]
+
+Method = Literal["extended", "unscented"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +50,18 @@ class OnlineFilter:
         How late a reading may come: samples of so much time are kept, and filtered again when one comes.
     resume : OnlineState, optional
         Continue a filter that was saved; ``prior`` is not used then.
-    discretisation, square_root, once, hold, substeps, gate
-        As for `extended_kalman_filter`.
+    method : {"extended", "unscented"}
+    hold, substeps
+        As for both filters.
+    discretisation, square_root, once, gate
+        As for `extended_kalman_filter`; the unscented filter has none of them.
+    alpha, beta, kappa : float
+        As for `unscented_kalman_filter`.
 
     Raises
     ------
     FilterError
-        If a setting is not possible, or a state to resume belongs to another filter.
+        If a setting is not possible or belongs to the other filter, or a state to resume belongs to another filter.
 
     Examples
     --------
@@ -84,25 +92,47 @@ class OnlineFilter:
         *,
         horizon: float = 0.0,
         resume: OnlineState | None = None,
+        method: Method = "extended",
         discretisation: Discretisation = "exponential",
         square_root: bool = False,
         once: bool = False,
         hold: bool = False,
         substeps: int = 1,
         gate: float | None = None,
+        alpha: float = 1.0,
+        beta: float = 0.0,
+        kappa: float = 0.0,
     ):
         if not 0.0 <= horizon < np.inf:
             raise FilterError("filter", [f"horizon is {horizon} s: give zero or more"])
-        self._filter = ExtendedFilter(
-            model,
-            noise,
-            discretisation=discretisation,
-            square_root=square_root,
-            once=once,
-            hold=hold,
-            substeps=substeps,
-            gate=gate,
-        )
+        own_of_extended = {
+            "discretisation": (discretisation, "exponential"),
+            "square_root": (square_root, False),
+            "once": (once, False),
+            "gate": (gate, None),
+        }
+        own_of_unscented = {"alpha": (alpha, 1.0), "beta": (beta, 0.0), "kappa": (kappa, 0.0)}
+        if method not in ("extended", "unscented"):
+            raise FilterError("filter", [f"method is '{method}': take one of extended, unscented"])
+        foreign = own_of_unscented if method == "extended" else own_of_extended
+        if given := [name for name, (value, default) in foreign.items() if value != default]:
+            raise FilterError("filter", [f"the {method} filter has no {name}: leave it out" for name in given])
+        self._filter: ExtendedFilter | UnscentedFilter
+        if method == "unscented":
+            self._filter = UnscentedFilter(
+                model, noise, alpha=alpha, beta=beta, kappa=kappa, hold=hold, substeps=substeps
+            )
+        else:
+            self._filter = ExtendedFilter(
+                model,
+                noise,
+                discretisation=discretisation,
+                square_root=square_root,
+                once=once,
+                hold=hold,
+                substeps=substeps,
+                gate=gate,
+            )
         self.model, self.horizon = model, horizon
         self._fingerprint = _fingerprint(self._filter)
         self._blocks: deque[_Block] = deque()
@@ -196,14 +226,14 @@ class OnlineFilter:
             Readings, NaN where there is none: channels of other rates read at some of the instants only.  A mapping
             names the channels that were read.
         keep : {"variances", "covariances", "everything"}
-            As for `extended_kalman_filter`.
+            As for `extended_kalman_filter`; the unscented filter keeps no "everything".
 
         Raises
         ------
         FilterError
             If a sample is not later than the last one (see `late_reading`), or its size does not fit.
         FilterDivergence
-            As `extended_kalman_filter`; the filter keeps the state from before.
+            As for a whole record; the filter keeps the state from before.
         """
         samples = self._samples(t, u, y)
         before = self.state()
@@ -242,7 +272,7 @@ class OnlineFilter:
             return False
         at = next(k for k, block in enumerate(self._blocks) if block.samples.times[-1] >= t)
         redone = [self._blocks[k] for k in range(at, len(self._blocks))]
-        changed = _with_reading(redone[0], t, readings, self._filter.settings[4] == 1)
+        changed = _with_reading(redone[0], t, readings, self._filter.hold)
         start, now = replace(redone[0].before, late=self._late), self.state()
         for _ in redone:
             self._blocks.pop()
@@ -360,7 +390,7 @@ def _with_reading(block: _Block, t: float, readings: np.ndarray, hold: bool) -> 
     )
 
 
-def _fingerprint(compiled: ExtendedFilter) -> str:
+def _fingerprint(compiled: ExtendedFilter | UnscentedFilter) -> str:
     """Return a digest of everything that decides what the filter computes from a state."""
     model = compiled.model
     digest = hashlib.sha256()

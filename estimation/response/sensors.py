@@ -52,6 +52,7 @@ def apply_sensors(
     y : ndarray, shape (nt, c)
     dy : ndarray, shape (nt, c, m)
     sensors : sequence of SensorError
+        Of an output that is late, the cubic spline through the samples is read between them.
     parameters : sequence of str
         Names of the sensor errors to differentiate by, such as ``"sensor.carriage.position.offset"``.
 
@@ -74,13 +75,13 @@ def apply_sensors(
         if lag:
             y[:, c] = lagged(time, y[:, c], lag)
             dy[:, c] = lagged(time, dy[:, c], lag)
-        rate = np.gradient(y[:, c], time) if f"sensor.{output}.delay" in by_sensors or delay else None
-        if delay:
-            late = time - delay
-            y[:, c] = np.interp(late, time, y[:, c])
-            for k in range(dy.shape[2]):
-                dy[:, c, k] = np.interp(late, time, dy[:, c, k])
-            by_lag = np.interp(late, time, by_lag) if by_lag is not None else None
+        rate = None
+        if delay or f"sensor.{output}.delay" in by_sensors:
+            seen, rate = _late(time, y[:, c], delay)
+            if delay:
+                y[:, c] = seen
+                dy[:, c] = _late(time, dy[:, c], delay)[0]
+                by_lag = _late(time, by_lag, delay)[0] if by_lag is not None else None
         derivatives = {
             "offset": np.ones_like(time),
             "gain": y[:, c],
@@ -94,6 +95,23 @@ def apply_sensors(
         y[:, c] = (1.0 + gain) * y[:, c] + offset + drift * elapsed
         dy[:, c] *= 1.0 + gain
     return y, dy, by_sensors
+
+
+def _late(time: np.ndarray, u: np.ndarray, delay: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a signal and its rate ``delay`` earlier, shape (nt, ...) each; beyond both ends it is constant.
+
+    Between samples it is the cubic spline through them: polygons shift a sine of a tenth of the sampling rate by 0.3 %
+    of a sample and take 3 % of its size, monotone cubics (PCHIP) shift it by 1 %, the spline by 0.01 %.  It is linear
+    in the signal, so that the derivative of the late signal is the late derivative.
+    """
+    from scipy.interpolate import CubicSpline
+
+    at = time - delay
+    if time.size < 2 or not np.isfinite(u).all():  # a run that broke off: nothing to draw a curve through
+        return np.full_like(u, np.nan) if delay else u, np.full_like(u, np.nan)
+    spline = CubicSpline(time, u, axis=0)
+    inside = ((at >= time[0]) & (at <= time[-1])).reshape(-1, *[1] * (u.ndim - 1))
+    return spline(np.clip(at, time[0], time[-1])), np.where(inside, spline(at, 1), 0.0)
 
 
 def lagged(time: np.ndarray, u: np.ndarray, lag: float) -> np.ndarray:

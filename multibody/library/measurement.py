@@ -67,7 +67,7 @@ class Measurement:
         Parameters
         ----------
         times : ndarray, shape (nt,), s
-            Increasing time stamps; the signal is linear between them and constant beyond them.
+            Increasing time stamps; the signal is a cubic spline between them and constant beyond them.
         values : ndarray, shape (nt,)
             The true signal at these times.
         rng : Generator or int
@@ -80,18 +80,24 @@ class Measurement:
         Raises
         ------
         ValueError
-            If times and values differ in length or times do not increase.
+            If times and values differ in length, times do not increase, or a value is not finite.
         """
         t, v = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
         if t.ndim != 1 or t.shape != v.shape:
             raise ValueError(f"there are {t.shape} times and {v.shape} values: give one value per time")
         if np.any(np.diff(t) <= 0):
             raise ValueError(f"times must increase, but row {int(np.argmax(np.diff(t) <= 0)) + 1} does not")
+        if not np.isfinite(v).all():
+            raise ValueError(f"the value in row {int(np.argmin(np.isfinite(v)))} is not finite")
         generator = np.random.default_rng(rng)
         instants = t - self.delay
         if self.jitter:
             instants = instants + self.jitter * generator.standard_normal(t.size)
-        read = self.gain * (np.interp(instants, t, v) if self.delay or self.jitter else v) + self.offset
+        if (self.delay or self.jitter) and t.size > 1:
+            from scipy.interpolate import CubicSpline
+
+            v = CubicSpline(t, v)(np.clip(instants, t[0], t[-1]))
+        read = self.gain * v + self.offset
         if self.noise:
             read = read + self.noise * generator.standard_normal(t.size)
         return np.round(read / self.quantisation) * self.quantisation if self.quantisation else read

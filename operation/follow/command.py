@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from argparse import Namespace
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +23,13 @@ from operation.store.store import Store
 
 __all__ = ["MACHINES", "follow", "study_priors"]
 
+Priors = Mapping[str, tuple[float, float]]
+FleetPriors = Callable[[Store, str, Priors], Priors]
+
+#: Seconds between two looks at what the other machines of the store say.
+ASKED_EVERY = 3600.0
+NO_FLEET = "the other machines of the folder are too few to say anything: the priors are the study's"
+
 #: File of a store with the settings and priors of its machines, so that `vtsdt history` sees what `follow` saw.
 MACHINES = "machines.json"
 
@@ -30,7 +39,7 @@ def study_priors(study: str | Path) -> dict[str, tuple[float, float]]:
     return {u.name: (u.value, u.std) for u in read_problem(study).uncertain}
 
 
-def follow(args: Namespace) -> int:
+def follow(args: Namespace, priors_of_others: FleetPriors) -> int:
     """Follow a machine until interrupted, or with ``once`` until nothing is new.
 
     Parameters
@@ -38,6 +47,8 @@ def follow(args: Namespace) -> int:
     args : namespace
         ``study``, ``source``, ``out``, ``machine``, ``poll``, ``settle``, ``once``, ``pattern``, ``quiet``,
         ``progress``.
+    priors_of_others : callable
+        Gives the priors that the other machines of a store say, from the store, the machine and the study's priors.
     """
     settings = read_settings(args.study)
     if args.machine:
@@ -51,8 +62,16 @@ def follow(args: Namespace) -> int:
             StudyJudge(study, settings), store, settings, priors, study if settings.search else None, args.progress
         )
         _remember(out, settings.machine, study)
+        asked = -math.inf
         while True:
             paths = source.poll()
+            if settings.fleet_prior and paths and time.monotonic() - asked >= ASKED_EVERY:
+                asked = time.monotonic()
+                given = priors_of_others(store, settings.machine, priors)
+                follower.settings = settings.with_drift_of(priors) if given else settings
+                follower.priors = {**priors, **given}
+                text = f"the other machines give the priors of {', '.join(given)}" if given else NO_FLEET
+                args.progress(text)
             for path in paths:
                 try:
                     taken = follower.take(path)

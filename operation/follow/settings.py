@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import urlsplit
@@ -37,6 +38,7 @@ class _FollowTable(msgspec.Struct, frozen=True):
     false_alarms: float = 0.2
     records_per_year: float | None = None
     drift: dict[str, Any] = {}
+    fleet_prior: bool = False
     conditions: list[str] = []
     virtual: list[str] = []
     silent_hours: float | None = None
@@ -83,6 +85,8 @@ class FollowSettings:
     drift : mapping of str to float
         By how much a parameter may move by itself: standard deviation after a year, SI; a parameter that is not named
         may move by its prior deviation.
+    fleet_prior : bool
+        Whether the priors of its parameters are what the other machines of its store say.
     conditions : tuple of str
         Recorded signals whose mean over a record may explain a change, such as a load or a temperature.
     virtual : tuple of str
@@ -104,6 +108,7 @@ class FollowSettings:
     false_alarms: float = 0.2
     records_per_year: float | None = None
     drift: Mapping[str, float] = field(default_factory=dict)
+    fleet_prior: bool = False
     conditions: tuple[str, ...] = ()
     virtual: tuple[str, ...] = ()
     silent: float | None = None
@@ -113,6 +118,11 @@ class FollowSettings:
     search: bool = True
     stamp: str = ""
     alarms: Alarms = field(default_factory=Alarms)
+
+    def with_drift_of(self, priors: Mapping[str, tuple[float, float]]) -> FollowSettings:
+        """Return settings that keep the usual drifts of some priors, whatever priors are used later."""
+        usual = {name: std for name, (_, std) in priors.items() if math.isfinite(std)}
+        return replace(self, drift={**usual, **self.drift})
 
 
 def read_settings(path: str | Path) -> FollowSettings:
@@ -155,6 +165,7 @@ def read_settings(path: str | Path) -> FollowSettings:
         false_alarms=given.false_alarms,
         records_per_year=given.records_per_year,
         drift=drift,
+        fleet_prior=given.fleet_prior,
         conditions=tuple(given.conditions),
         virtual=tuple(given.virtual),
         silent=_times(given.silent_hours, 3600.0),

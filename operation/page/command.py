@@ -6,37 +6,17 @@ import json
 import sys
 import time
 from argparse import Namespace
-from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 from multibody.base.quantity_text import count_text
 from multibody.base.spelling import nearest_or_choices
 from multibody.base.terminal_text import printable
-from operation.follow.command import MACHINES, study_priors
-from operation.follow.settings import FollowSettings, read_settings
-from operation.follow.watch import MachineState, watch
+from operation.fleet.machine_states import machine_states
+from operation.follow.watch import MachineState
 from operation.page.page import write_page
 from operation.store.store import Store, StoreError
 
-__all__ = ["history", "states"]
-
-
-def states(store: Store, now: float | None = None) -> dict[str, MachineState]:
-    """Return the state of every machine of a store, with the settings of its study where that is there."""
-    path = store.folder / MACHINES
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    found = {}
-    for machine in store.machines:
-        study = Path(known.get(machine, ""))
-        settings, priors = FollowSettings(machine=machine), {}
-        if study.is_file():
-            settings, priors = replace(read_settings(study), machine=machine), study_priors(study)
-        notes = [e.at for e in store.events(machine, "note") if e.detail.get("new_reference")]
-        found[machine] = watch(
-            store.judgements(machine), settings, priors, reference_from=max(notes, default=float("-inf")), now=now
-        )
-    return found
+__all__ = ["history"]
 
 
 def history(args: Namespace) -> int:
@@ -61,7 +41,7 @@ def history(args: Namespace) -> int:
         if args.csv:
             store.to_frame([args.machine] if args.machine else None).to_csv(args.csv, index=False)
             return 0
-        found = states(store, time.time() if args.now else None)
+        found = machine_states(store, time.time() if args.now else None)
         if args.machine:
             found = {args.machine: found[args.machine]}
         if args.page:

@@ -354,14 +354,16 @@ class Store:
         """Return events in the order in which they were shown."""
         query = (
             "SELECT kind, subject, at, raised, detail, notified, machines.name FROM events "
-            "JOIN machines ON machines.id = machine WHERE (?1 IS NULL OR machines.name = ?1) "
-            "AND (?2 IS NULL OR kind = ?2) ORDER BY raised, events.id"
+            "JOIN machines ON machines.id = machine WHERE (:machine IS NULL OR machines.name = :machine) "
+            "AND (:kind IS NULL OR kind = :kind) ORDER BY raised, events.id"
         )
         return tuple(
             Event(
                 kind=one, subject=subject, at=at, raised=raised, detail=json.loads(detail), notified=done, machine=name
             )
-            for one, subject, at, raised, detail, done, name in self._db.execute(query, (machine, kind))
+            for one, subject, at, raised, detail, done, name in self._db.execute(
+                query, {"machine": machine, "kind": kind}
+            )
         )
 
     def series(self, machine: str, key: str) -> pandas.DataFrame | None:

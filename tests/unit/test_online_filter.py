@@ -20,6 +20,7 @@ from estimation.filters import (
     RandomWalk,
     TimeSeries,
     extended_kalman_filter,
+    unscented_kalman_filter,
 )
 from multibody import Model
 from multibody.library import Damper, ForceSource, Mass, Spring
@@ -66,15 +67,29 @@ def same(online: OnlineFilter, states: np.ndarray, batch: FilterRun) -> None:
     assert np.diag(online.covariance) == pytest.approx(batch.variances[-1], rel=CLOSE)
 
 
+def whole_record(model: FilterModel, samples: FilterSamples, options) -> FilterRun:
+    others = {name: value for name, value in options.items() if name != "method"}
+    kalman = unscented_kalman_filter if options.get("method") == "unscented" else extended_kalman_filter
+    return kalman(model, samples, NOISE, PRIOR, **others)
+
+
 @pytest.mark.parametrize(
     "options",
-    [{}, {"once": True}, {"square_root": True}, {"discretisation": "variational", "hold": True}, {"gate": 2.0}],
-    ids=["plain", "once", "square root", "variational, held", "gate"],
+    [
+        {},
+        {"once": True},
+        {"square_root": True},
+        {"discretisation": "variational", "hold": True},
+        {"gate": 2.0},
+        {"method": "unscented"},
+        {"method": "unscented", "hold": True, "alpha": 0.5, "beta": 2.0, "substeps": 3},
+    ],
+    ids=["plain", "once", "square root", "variational, held", "gate", "unscented", "unscented, scaled"],
 )
 @pytest.mark.parametrize("size", [1, 7], ids=["one sample", "blocks of seven"])
 def test_a_replay_gives_what_the_whole_record_gives(model, options, size):
     samples = recording()
-    batch = extended_kalman_filter(model, samples, NOISE, PRIOR, **options)
+    batch = whole_record(model, samples, options)
     online, states = OnlineFilter(model, NOISE, PRIOR, **options), []
     for k in range(0, samples.count, size):
         rows = slice(k, k + size)
@@ -86,7 +101,7 @@ def test_a_replay_gives_what_the_whole_record_gives(model, options, size):
     assert online.std("spring.stiffness") == pytest.approx(batch.std("spring.stiffness")[-1], rel=CLOSE)
 
 
-@pytest.mark.parametrize("options", [{}, {"once": True}, {"square_root": True}])
+@pytest.mark.parametrize("options", [{}, {"once": True}, {"square_root": True}, {"method": "unscented"}])
 def test_a_filter_resumes_to_the_last_bit(model, options, tmp_path: Path):
     samples = recording(1)
     whole = OnlineFilter(model, NOISE, PRIOR, **options)
@@ -101,15 +116,16 @@ def test_a_filter_resumes_to_the_last_bit(model, options, tmp_path: Path):
     assert second.taken == samples.count
 
 
-def test_readings_that_come_late_end_where_they_belong(model):
+@pytest.mark.parametrize("options", [{}, {"method": "unscented"}], ids=["extended", "unscented"])
+def test_readings_that_come_late_end_where_they_belong(model, options):
     fast = recording(2)
     stamps = fast.times[5:-1:9] - 1e-3  # between two samples
     late = np.column_stack([stamps, -0.1 * np.sin(6.3 * stamps)])
     position = TimeSeries(fast.times, fast.readings[:, 0])
     channels = {"body.position": position, "body.velocity": TimeSeries(late[:, 0], late[:, 1])}
     merged = FilterSamples.merged(channels, {"push": TimeSeries(fast.times, fast.inputs[:, 0])})
-    batch = extended_kalman_filter(model, merged, NOISE, PRIOR)
-    online, waiting = OnlineFilter(model, NOISE, PRIOR, horizon=0.5), list(late)
+    batch = whole_record(model, merged, options)
+    online, waiting = OnlineFilter(model, NOISE, PRIOR, horizon=0.5, **options), list(late)
     for k, t in enumerate(fast.times):
         online.step(t, fast.inputs[k], {"body.position": fast.readings[k, 0]})
         while waiting and t - waiting[0][0] > 0.2:
@@ -187,3 +203,17 @@ def test_a_filter_that_diverges_keeps_its_state(model):
     assert np.array_equal(after.state, before.state)
     assert after.time == before.time
     assert replace(after, taken=0).names == before.names
+
+
+def test_options_of_the_other_filter_are_refused(model):
+    with pytest.raises(FilterError, match=r"unscented filter has no once(.|\n)*has no gate"):
+        OnlineFilter(model, NOISE, PRIOR, method="unscented", once=True, gate=3.0)
+    with pytest.raises(FilterError, match="extended filter has no alpha"):
+        OnlineFilter(model, NOISE, PRIOR, alpha=0.5)
+    with pytest.raises(FilterError, match="take one of extended, unscented"):
+        OnlineFilter(model, NOISE, PRIOR, method="particle")
+    twin = OnlineFilter(model, NOISE, PRIOR, method="unscented")
+    with pytest.raises(FilterError, match="no Jacobians"):
+        twin.step(0.0, 0.0, keep="everything")
+    with pytest.raises(FilterError, match="belongs to another model, other parameters, noise or settings"):
+        OnlineFilter(model, NOISE, resume=twin.state())

@@ -16,15 +16,18 @@ from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from discrepancy.rigs.axis import make_axis
+from operation.follow.command import study_priors
 from operation.follow.follower import Follower, record_time
 from operation.follow.judge import StudyJudge
 from operation.follow.notify import NotDelivered, deliver
 from operation.follow.settings import Alarms, read_settings
 from operation.sources.folder import FolderSource
 from operation.sources.mqtt import MqttAddress, MqttInbox, SourceError
+from operation.store.judgement import Judgement, Quantity
 from operation.store.store import Store
 from vtsdt.cli import main
 
@@ -266,3 +269,45 @@ def test_no_message_is_lost_when_the_broker_is_restarted(tmp_path: Path) -> None
         sender.loop_stop()
         broker.terminate()
         broker.wait()
+
+
+def test_what_the_other_machines_say_is_the_prior_of_a_new_one(study: Path, tmp_path: Path, capsys) -> None:
+    inbox, out, asked = tmp_path / "inbox", tmp_path / "out", study.with_name("asked.toml")
+    inbox.mkdir()
+    shutil.copy(recordings(study)[0], inbox)
+    text = study.read_text(encoding="utf-8").replace("[follow]\n", "[follow]\nfleet_prior = true\n")
+    asked.write_text(text, encoding="utf-8")
+    others = np.array([60.0, 62.0, 64.0, 66.0, 68.0])
+
+    def add(machine: int) -> None:
+        friction = Quantity(value=float(others[machine]), std=0.5, unit="N*s/m", kind="parameter")
+        with Store(out) as store:
+            key = f"{machine}"
+            store.add(f"axis {machine}", Judgement(key=key, name=key, at=0.0, quantities={"guide.viscous": friction}))
+
+    def followed() -> tuple[float, float, str]:
+        words = f"follow {asked} --source {inbox} --out {out} --once --settle 0 --poll 0.01 --machine new --debug"
+        assert main(words.split()) == 0
+        told = capsys.readouterr().err
+        assert main(["history", str(out), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)["new"]["quantities"]["guide.viscous"]
+        return found["value"], found["std"], told
+
+    def expected(prior: tuple[float, float]) -> tuple[float, float]:
+        with Store(out) as store:
+            own = store.judgements("new")[0].quantities["guide.viscous"]
+        weights = np.array([own.std**-2, prior[1] ** -2])
+        return float(weights @ [own.value, prior[0]] / weights.sum()), float(weights.sum() ** -0.5)
+
+    for machine in range(4):
+        add(machine)
+    value, std, told = followed()
+    assert "too few to say anything" in told
+    assert (value, std) == pytest.approx(expected(study_priors(study)["guide.viscous"]))
+    add(4)
+    value, std, told = followed()
+    assert "the other machines give the priors of guide.viscous" in told
+    # Machines that are equally well known: their mean, its error and the spread between them in closed form.
+    spread = np.sqrt(np.var(others, ddof=1) - 0.5**2)
+    prior = others.mean(), np.hypot(spread, np.std(others, ddof=1) / np.sqrt(5))
+    assert (value, std) == pytest.approx(expected(prior), rel=1e-6)

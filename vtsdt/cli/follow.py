@@ -40,6 +40,7 @@ def main(arguments: Sequence[str]) -> int:
     args = parser.parse_args(list(arguments))
     check_out(args.out)
     with ProgressLine(args.quiet) as args.progress:
+        from operation.fleet.machine_states import priors_of_others
         from operation.follow.command import follow
 
-        return follow(args)
+        return follow(args, priors_of_others)
