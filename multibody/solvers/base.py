@@ -33,11 +33,10 @@ from multibody.solvers.kernels.stepping import (
     T,
 )
 from multibody.solvers.limits import (
-    EVALUATIONS_PER_SAMPLE,
-    LEAST_EVALUATIONS,
     RUNAWAY,
     allowed_by_then,
     cause_of_small_steps,
+    most_evaluations,
     too_many,
 )
 from multibody.solvers.problem import NativeProblem, ProblemError
@@ -174,7 +173,8 @@ class NativeSolver(OdeSolver):
         decays, the state's error says nothing.  Infinity leaves the directions without control.
     max_evaluations : int, optional
         Give up, with a message, after a call that has taken the right-hand side beyond this number of evaluations;
-        default: `LEAST_EVALUATIONS` and `EVALUATIONS_PER_SAMPLE` for each sample and each time of the input table.
+        default: `LEAST_EVALUATIONS` and `EVALUATIONS_PER_SAMPLE` for each sample and each time of the input table
+        within the interval.
     """
 
     ORDER: ClassVar[int] = 5
@@ -222,8 +222,9 @@ class NativeSolver(OdeSolver):
         self.problem, self._from = problem, float(t0)
         self.y = self.y.astype(np.float64)
         self.max_step = min(max_step, problem.largest_step)
-        points = problem.table.times.size + (0 if samples is None else samples.times.size)
-        self.max_evaluations = LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * points
+        self.max_evaluations = most_evaluations(
+            problem.table.times, (t0, t_bound), 0 if samples is None else samples.times.size
+        )
         if max_evaluations is not None:
             self.max_evaluations = max_evaluations
         self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)

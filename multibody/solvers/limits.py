@@ -12,6 +12,7 @@ __all__ = [
     "RUNAWAY",
     "allowed_by_then",
     "cause_of_small_steps",
+    "most_evaluations",
     "too_many",
 ]
 
@@ -25,6 +26,27 @@ RUNAWAY = 1e100
 """A state beyond this has left everything that a machine can be."""
 FAST = 1e-5
 """Time constant, as a share of the interval, below which a state is fast."""
+
+
+def most_evaluations(times: np.ndarray, interval: tuple[float, float], samples: int) -> int:
+    """Return how many evaluations an integration may take.
+
+    Parameters
+    ----------
+    times : ndarray, s
+        Of the input table, increasing; those within the interval count.
+    interval : tuple of float, s
+        In either order.
+    samples : int
+        Number of times at which states are asked for.
+
+    Examples
+    --------
+    >>> most_evaluations(np.arange(1000.0), (10.0, 19.5), 5)
+    2030000
+    """
+    first, last = np.searchsorted(times, sorted(interval))
+    return LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * (int(last - first) + samples)
 
 
 def allowed_by_then(most: int, done: float) -> int:

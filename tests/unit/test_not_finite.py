@@ -143,8 +143,7 @@ def test_an_integration_of_hopelessly_small_steps_is_given_up(model) -> None:
 
 
 def test_a_method_of_scipy_has_the_same_limit(model, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scipy_methods, "LEAST_EVALUATIONS", 1000)
-    monkeypatch.setattr(scipy_methods, "EVALUATIONS_PER_SAMPLE", 0)
+    monkeypatch.setattr(scipy_methods, "most_evaluations", lambda *_: 1000)
     with pytest.raises(SimulationError, match="1000 evaluations of the equations, more than the 1000 allowed by then"):
         model("-1e6 * x").build().simulate(10.0, method="RK45")
 
