@@ -11,7 +11,7 @@ import numpy as np
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from estimation.response.experiment import Experiment
 from estimation.signals.metrics import noise_floor
-from multibody.base.errors import SimulationError
+from multibody.base.errors import SimulationError, Stop
 from multibody.system.simulate import simulate
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ __all__ = ["DIVERGED_ERROR", "StateEstimate", "estimate_states"]
 DIVERGED_ERROR = 0.3
 """Error of a simulation, over an output's spread, from which it counts as diverged from its records.
 A scan, which is linear in the error, then says nothing about it."""
+HOPELESS_PIECES = 2
+"""Pieces in a row that take too many evaluations, from both of their starts, after which the record is given up."""
 
 _POSITIONS = ("m", "rad")
 _ROUNDS = 4
@@ -181,31 +183,43 @@ def estimate_states(experiment: Experiment, system: System, p: np.ndarray, piece
     p : ndarray, shape (n_p,)
     pieces : int
         Number of pieces, where each has ten samples at least.
+
+    Raises
+    ------
+    SimulationError
+        If pieces in a row take more evaluations than are allowed, whichever state they begin at: so would the rest.
     """
     reading = SensorReading.of(experiment, system, p)
     n = len(experiment.record.time)
     step = max(10, -(-n // pieces))
     states = np.empty((n, len(system.states)))
     start = experiment.start_vector(system)
+    hopeless = 0
     for first in range(0, n, step):
         last = min(first + step, n - 1)
-        piece, error = _simulated_piece(reading, first, last, start)
+        piece, error, gave_up = _simulated_piece(reading, first, last, start)
         if error > DIVERGED_ERROR:
             shown = _simulated_piece(reading, first, last, reading.state(first, start))
             piece = shown[0] if shown[1] < error else piece
+            hopeless = hopeless + 1 if gave_up and shown[2] else 0
+            if gave_up and hopeless == HOPELESS_PIECES:
+                raise SimulationError(f"record '{experiment.name}': {gave_up}", gave_up.stop) from gave_up
         states[first : last + 1] = piece
         start = states[last]
     return StateEstimate(states, reading)
 
 
-def _simulated_piece(reading: SensorReading, first: int, last: int, start: np.ndarray) -> tuple[np.ndarray, float]:
+def _simulated_piece(
+    reading: SensorReading, first: int, last: int, start: np.ndarray
+) -> tuple[np.ndarray, float, SimulationError | None]:
     """Return the states from sample to sample, and the largest error of an output over its spread in the record.
 
-    A piece that cannot be simulated keeps its beginning, with an infinite error.
+    A piece that cannot be simulated keeps its beginning, with an infinite error; the third is the error where it took
+    too many evaluations.
     """
     experiment, system = reading.experiment, reading.system
     if last == first:
-        return start[None, :], 0.0
+        return start[None, :], 0.0, None
     time = np.array(experiment.record.time[first : last + 1])
     try:
         run = simulate(
@@ -217,9 +231,10 @@ def _simulated_piece(reading: SensorReading, first: int, last: int, start: np.nd
             times=time,
             rtol=1e-5,
         )
-    except SimulationError:
-        return np.tile(start, (time.size, 1)), float("inf")
+    except SimulationError as error:
+        gave_up = error if error.stop is Stop.TOO_MANY_EVALUATIONS else None
+        return np.tile(start, (time.size, 1)), float("inf"), gave_up
     outputs = np.column_stack([run[n] for n in experiment.outputs])
     errors = np.sqrt(np.mean((outputs - reading.values[first : last + 1]) ** 2, axis=0))
     spread = np.maximum(np.std(reading.values, axis=0), reading.noise)
-    return run.states, float(np.max(errors / spread))
+    return run.states, float(np.max(errors / spread)), None

@@ -222,8 +222,8 @@ class Rewriter(ast.NodeTransformer):
                 self._count(node, func.id, len(node.args) == takes, str(takes))
                 name = ast.Name(self.kernel_name(func.id, kernel), ast.Load())
                 return ast.Call(name, self._arguments(node), [])
-        name = ast.unparse(func)
-        hint = nearest(name, [*BUILTIN_FUNCTIONS, *(n for n, f in self.globals.items() if inspect.isfunction(f))])
+        called = ast.unparse(func)
+        hint = nearest(called, [*BUILTIN_FUNCTIONS, *(n for n, f in self.globals.items() if inspect.isfunction(f))])
         raise self.refuse(
             node,
             "only math.*, abs, min, max, tables and plain functions can be called: write what it does with these"

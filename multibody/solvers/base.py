@@ -32,7 +32,13 @@ from multibody.solvers.kernels.stepping import (
     WORST,
     T,
 )
-from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS, RUNAWAY, fastest_state, too_many
+from multibody.solvers.limits import (
+    RUNAWAY,
+    allowed_by_then,
+    cause_of_small_steps,
+    most_evaluations,
+    too_many,
+)
 from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["NativeSolver", "Samples"]
@@ -167,7 +173,8 @@ class NativeSolver(OdeSolver):
         decays, the state's error says nothing.  Infinity leaves the directions without control.
     max_evaluations : int, optional
         Give up, with a message, after a call that has taken the right-hand side beyond this number of evaluations;
-        default: `LEAST_EVALUATIONS` and `EVALUATIONS_PER_SAMPLE` for each sample and each time of the input table.
+        default: `LEAST_EVALUATIONS` and `EVALUATIONS_PER_SAMPLE` for each sample and each time of the input table
+        within the interval.
     """
 
     ORDER: ClassVar[int] = 5
@@ -212,11 +219,12 @@ class NativeSolver(OdeSolver):
         span = abs(t_bound - t0)
         if first_step is not None and not 0.0 < first_step <= max(span, sys.float_info.min):
             raise ProblemError(f"first_step must be positive and within the interval of {span:g} s, it is {first_step}")
-        self.problem = problem
+        self.problem, self._from = problem, float(t0)
         self.y = self.y.astype(np.float64)
         self.max_step = min(max_step, problem.largest_step)
-        points = problem.table.times.size + (0 if samples is None else samples.times.size)
-        self.max_evaluations = LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * points
+        self.max_evaluations = most_evaluations(
+            problem.table.times, (t0, t_bound), 0 if samples is None else samples.times.size
+        )
         if max_evaluations is not None:
             self.max_evaluations = max_evaluations
         self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)
@@ -317,7 +325,7 @@ class NativeSolver(OdeSolver):
             self.problem.check()
             if samples is not None and (status != MORE or samples.receive is not None):
                 tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
-            within = tally[EVALUATIONS] <= self.max_evaluations
+            within = tally[EVALUATIONS] <= self._allowed()
             if status != BUFFER_FULL and not (status == MORE and unseen and within):
                 break
         self.nfev, self.njev, self.nlu = (
@@ -331,16 +339,23 @@ class NativeSolver(OdeSolver):
         self.y = self._state.copy()
         if status == TOO_SMALL and tally[DONE] == 0:
             return False, self._explanation()
-        if self.nfev > self.max_evaluations and status != FINISHED:
+        if self.nfev > self._allowed() and status != FINISHED:
             return False, self._given_up()
         return True, None
+
+    def _allowed(self) -> int:
+        """Return the evaluations that are allowed up to here."""
+        done = (float(self._clock[T]) - self._from) / (self.t_bound - self._from)
+        return allowed_by_then(self.max_evaluations, done)
 
     def _given_up(self) -> StopMessage:
         problem, x = self.problem, self.y[: self.problem.n]
         if not np.all(np.abs(x) < RUNAWAY) and problem.explain is not None and (text := problem.explain(self.t, x)):
             return StopMessage(text, Stop.NOT_FINITE)
-        fastest = fastest_state(lambda state: problem.derivative(self.t, state), x, problem.name_of)
-        return StopMessage(too_many(self.nfev, self.max_evaluations, self.t, fastest), Stop.TOO_MANY_EVALUATIONS)
+        cause = cause_of_small_steps(
+            lambda state: problem.derivative(self.t, state), x, abs(self.t_bound - self._from), problem.name_of
+        )
+        return StopMessage(too_many(self.nfev, self._allowed(), self.t, cause), Stop.TOO_MANY_EVALUATIONS)
 
     def _explanation(self) -> StopMessage:
         problem = self.problem

@@ -24,7 +24,7 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WATCH,
 )
-from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS
+from multibody.solvers.limits import most_evaluations
 from multibody.solvers.problem import NativeProblem
 
 __all__ = ["Group", "Item", "Run"]
@@ -219,8 +219,9 @@ class _Rows:
         if status in (FINISHED, TOO_SMALL):
             return False
         raise_if_stopped()
-        points = self.group.times.size + self.items[r][1].table.times.size
-        if self.tally[r, EVALUATIONS] > LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * points:
+        times = self.group.times
+        most = most_evaluations(self.items[r][1].table.times, (self.group.start, self.group.end), times.size)
+        if self.tally[r, EVALUATIONS] > most:
             self.tally[r, STATUS] = TOO_SMALL  # `solve_ivp` reports it
             return False
         try:

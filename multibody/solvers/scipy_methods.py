@@ -14,7 +14,7 @@ import numpy as np
 
 from multibody.base.errors import SimulationError, Stop
 from multibody.inputs.table import InputTable
-from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS, too_many
+from multibody.solvers.limits import most_evaluations, too_many
 
 __all__ = ["SCIPY_METHODS", "Stops", "solve_with_stops"]
 
@@ -274,7 +274,7 @@ def solve_with_stops(
 
     asked = options.get("t_eval")
     points = 0 if asked is None else len(asked)
-    most, used = LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * (table.times.size + points), 0
+    most, used = most_evaluations(table.times, span, points), 0
 
     def counted(t: float, x: np.ndarray) -> np.ndarray:
         nonlocal used

@@ -357,6 +357,7 @@ class Store:
             "JOIN machines ON machines.id = machine WHERE (:machine IS NULL OR machines.name = :machine) "
             "AND (:kind IS NULL OR kind = :kind) ORDER BY raised, events.id"
         )
+        wanted = {"machine": machine, "kind": kind}
         return tuple(
             Event(
                 kind=one, subject=subject, at=at, raised=raised, detail=json.loads(detail), notified=done, machine=name
