@@ -57,7 +57,7 @@ def _variational(rtol: float) -> np.ndarray:
     problem, places, _ = _problem()
     p_dot = np.zeros((places.size, problem.p.size))
     p_dot[np.arange(places.size), places] = 1.0
-    along = replace(problem, directions=Directions(np.zeros((places.size, problem.n)), p_dot))
+    along = replace(problem, directions=Directions(x0_dot=np.zeros((places.size, problem.n)), p_dot=p_dot))
     start, options = reference_trip().start, {"rtol": rtol, "atol": 1e-3 * rtol}
     done = integrate(along, (0.0, DURATION), start, TIMES, DormandPrince54, **options)
     return along.split(done.y)[1]

@@ -125,8 +125,8 @@ def _calibrated(dataset: Dataset, component: Any, start: np.ndarray) -> Calibrat
     part = model.add("set", component(**values))
     for n in dataset.x:
         model.input(n, getattr(part, n))
-    signals = {n: RecordedSignal(x, "", n, "") for n, x in dataset.x.items()}
-    signals["set.y"] = RecordedSignal(dataset.y, "", "y", "")
+    signals = {n: RecordedSignal(values=x, unit="", column=n, measured_unit="") for n, x in dataset.x.items()}
+    signals["set.y"] = RecordedSignal(values=dataset.y, unit="", column="y", measured_unit="")
     rows = np.arange(dataset.y.size, dtype=float)
     record = Record(name=dataset.name, path=Path(f"{dataset.name}.dat"), time=rows, signals=signals)
     experiment = Experiment(record=record, inputs=tuple(dataset.x), outputs=("set.y",))

@@ -34,11 +34,11 @@ def _dead_time_currents(part: Component, ending: str) -> list[dict[str, float]]:
 
 BUILT_IN_KINDS = (
     Kind(
-        "brush_voltage_drop",
-        "parameter",
-        "DCMotor",
-        ("brush_drop",),
-        KindText(
+        name="brush_voltage_drop",
+        at="parameter",
+        law="DCMotor",
+        strengths=("brush_drop",),
+        text=KindText(
             "a voltage drop against the current (brushes)",
             "A voltage of nearly constant size that is lost against the current, whatever its size.",
             "Brushes and commutator, 0.5 V to 2 V for a pair; diodes; dead time of the bridge that feeds the motor.",
@@ -49,11 +49,11 @@ BUILT_IN_KINDS = (
         component_shapes=_brush_currents,
     ),
     Kind(
-        "inverter_dead_time",
-        "parameter",
-        "PMSM",
-        ("dead_time_drop",),
-        KindText(
+        name="inverter_dead_time",
+        at="parameter",
+        law="PMSM",
+        strengths=("dead_time_drop",),
+        text=KindText(
             "a voltage drop by the inverter's dead time",
             "A voltage of constant size along the current vector that the inverter does not give.",
             "Dead time between the switches: link voltage times dead time times switching frequency, times 4/π.",
@@ -64,11 +64,11 @@ BUILT_IN_KINDS = (
         component_shapes=_dead_time_currents,
     ),
     Kind(
-        "laminar_leakage",
-        "parameter",
-        "Leaky",
-        ("leak",),
-        KindText(
+        name="laminar_leakage",
+        at="parameter",
+        law="Leaky",
+        strengths=("leak",),
+        text=KindText(
             "laminar leakage",
             "A flow in proportion to the pressure that is lost through a narrow gap.",
             "Worn pistons, seals and pump gaps; a drain that is not quite shut.",
@@ -78,11 +78,11 @@ BUILT_IN_KINDS = (
         component=Leaky,
     ),
     Kind(
-        "turbulent_leakage",
-        "parameter",
-        "Leaky",
-        ("leak_turbulent",),
-        KindText(
+        name="turbulent_leakage",
+        at="parameter",
+        law="Leaky",
+        strengths=("leak_turbulent",),
+        text=KindText(
             "turbulent leakage",
             "A flow with the root of the pressure that is lost through a hole or an open valve.",
             "A hole, a broken seal, a valve that does not close.",
@@ -92,11 +92,11 @@ BUILT_IN_KINDS = (
         component=Leaky,
     ),
     Kind(
-        "flow_loss",
-        "parameter",
-        "Pipe",
-        ("quadratic_loss",),
-        KindText(
+        name="flow_loss",
+        at="parameter",
+        law="Pipe",
+        strengths=("quadratic_loss",),
+        text=KindText(
             "a pressure loss that grows with the square of the flow",
             "A pressure that is lost in proportion to the squared flow, beyond the laminar friction of the pipe.",
             "Bends, fittings, filters, valves that are partly shut; turbulent flow in a rough pipe.",
@@ -106,11 +106,11 @@ BUILT_IN_KINDS = (
         component=Pipe,
     ),
     Kind(
-        "heat_loss",
-        "parameter",
-        "WarmBody",
-        ("loss_conductance",),
-        KindText(
+        name="heat_loss",
+        at="parameter",
+        law="WarmBody",
+        strengths=("loss_conductance",),
+        text=KindText(
             "heat lost to the surroundings",
             "A heat flow in proportion to the temperature above the surroundings.",
             "Convection, a mount that conducts heat, insulation that is wet or missing.",
@@ -120,11 +120,11 @@ BUILT_IN_KINDS = (
         component=WarmBody,
     ),
     Kind(
-        "radiation_loss",
-        "parameter",
-        "WarmBody",
-        ("radiation",),
-        KindText(
+        name="radiation_loss",
+        at="parameter",
+        law="WarmBody",
+        strengths=("radiation",),
+        text=KindText(
             "heat lost by radiation",
             "A heat flow with the fourth power of the absolute temperature.",
             "Hot surfaces without insulation, above some 100 °C.",

@@ -22,7 +22,7 @@ __all__ = ["Entry", "catalogue", "has_friction"]
 FRICTION = {"dry friction": ("v_s",), "viscous friction": ("viscous", "damping")}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Entry:
     """A kind of effect at a place (connections), at a signal (sensors, inputs, controllers) or in a part.
 
@@ -89,11 +89,11 @@ def catalogue(
         elif kind.at == "parameter":
             entries += _built_in(kind, system)
         elif kind.at == "signal":
-            entries += [Entry(kind, name) for name in controlled]
+            entries += [Entry(kind=kind, where=name) for name in controlled]
         elif kind.at == "sensor":
-            entries += [Entry(kind, name) for name in outputs]
+            entries += [Entry(kind=kind, where=name) for name in outputs]
         else:
-            entries += [Entry(kind, name) for name in inputs]
+            entries += [Entry(kind=kind, where=name) for name in inputs]
     return [e for e in entries if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
 
 
@@ -112,9 +112,9 @@ def _built_in(kind: Kind, system: System) -> list[Entry]:
             values = [component.values.get(f"{s}{ending}") for s in kind.strengths]
             where = f"{name}.{side}" if side else name
             if kind.stated and all(v for v in values):
-                entries.append(Entry(kind, where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
+                entries.append(Entry(kind=kind, where=where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
             elif not kind.stated and all(v == 0.0 for v in values):
-                entries.append(Entry(kind, where))
+                entries.append(Entry(kind=kind, where=where))
     return entries
 
 
@@ -137,7 +137,7 @@ def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
         load = _load_at(place, system) if kind.law_input == "load" else _temperature_in(system)
         if not load:
             return None
-    return Entry(kind, place.name, place=place, stiffness=stiffness, load=load)
+    return Entry(kind=kind, where=place.name, place=place, stiffness=stiffness, load=load)
 
 
 def has_friction(place: Place, system: System, which: str) -> bool:

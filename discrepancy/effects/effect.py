@@ -43,7 +43,7 @@ def _usual_shape(kind: Kind, domain: str, over: str) -> dict[str, float | None]:
     return {k: q.default for k, q in declared.items() if isinstance(q, Parameter) and k not in kind.strengths}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """An effect: kind, place, strengths and shape.
 
@@ -115,10 +115,10 @@ class Effect:
         if faults:
             raise ValueError(f"{kind} at '{place.name}': {'; '.join(faults)}")
         return cls(
-            kind,
-            place.name,
-            {**defaults, **strengths},
-            {**{k: v for k, v in usual.items() if v is not None}, **shape},
+            kind=kind,
+            where=place.name,
+            strengths={**defaults, **strengths},
+            shape={**{k: v for k, v in usual.items() if v is not None}, **shape},
             ports=(place.first_port, place.second_port),
             domain=place.domain,
             **parts,
@@ -275,7 +275,7 @@ def unit_at(system: System, kind: str, where: str) -> str:
         place = next(p for p in system.places if p.name == where)
         return Effect.at_place(kind, place).unit(entry.strengths[0])
     if entry.at == "parameter":
-        return Effect(kind, where).unit(entry.strengths[0])
+        return Effect(kind=kind, where=where).unit(entry.strengths[0])
     if entry.inserted:
         return "s"
     signal = system.unit(where)

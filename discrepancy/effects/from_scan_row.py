@@ -89,7 +89,7 @@ def effect_of(entry: Entry, row: Scored, effects: Sequence[Effect], instead_of: 
     strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
     number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == entry.where)
     if entry.place is None:
-        return Effect(kind.name, entry.where, strengths, dict(row.shape), number=number)
+        return Effect(kind=kind.name, where=entry.where, strengths=strengths, shape=dict(row.shape), number=number)
     shape = {k: v for k, v in row.shape.items() if k != "amplitude"}
     effect = Effect.at_place(kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
     for other in instead_of:

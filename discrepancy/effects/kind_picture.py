@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["has_picture", "kind_picture"]
 
-RANGE = MotionRange(-0.1, 0.1, 0.3, scale=50.0, duration=6.0, step=0.02)
+RANGE = MotionRange(low=-0.1, high=0.1, speed=0.3, scale=50.0, duration=6.0, step=0.02)
 TIME = np.linspace(0.0, 6.0, 601)
 CURVES = {
     "brush_voltage_drop": ("current", "voltage lost", lambda x: np.array([voltage_drop(i, 0.6, 0.1) for i in x])),

@@ -30,7 +30,7 @@ class KindText:
     confirm: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Kind:
     """A kind of effect.
 
@@ -117,7 +117,9 @@ class Kind:
 
         Examples
         --------
-        >>> kind = Kind("k", "parameter", "Mesh", ("a",), KindText("", "", "", ""), sides=(("gear_1", "_1"),))
+        >>> text = KindText("", "", "", "")
+        >>> sides = (("gear_1", "_1"), ("gear_2", "_2"))
+        >>> kind = Kind(name="k", at="parameter", law="Mesh", strengths=("a",), text=text, sides=sides)
         >>> kind.owner_of("stage.mesh.gear_1")
         ('stage.mesh', '_1')
         """
@@ -224,217 +226,227 @@ def _add(rows: Sequence[Kind]) -> None:
 # A table, one block for each kind.
 # fmt: off
 _add([
-    Kind("viscous_friction", "connection", "Viscous", ("viscous",), _T(
+    Kind(name="viscous_friction", at="connection", law="Viscous", strengths=("viscous",), text=_T(
         "viscous friction", "A resistance proportional to speed.",
         "Lubricant shear in guides, bearings and seals; grease that is cold or too stiff; eddy currents.",
         "Move at several constant speeds in both directions: the drive force rises in a straight line with speed."),
         one_sided=True, elastic=False, same_law=("viscous", "damping")),
-    Kind("extra_damping", "connection", "Viscous", ("viscous",), _T(
+    Kind(name="extra_damping", at="connection", law="Viscous", strengths=("viscous",), text=_T(
         "additional damping", "Damping between two sides that are joined by a spring, beyond what the model has.",
         "Material damping, joints, rubber elements, rope strands that rub.",
         "Let the machine ring down after a step or knock: the vibration dies faster or slower than the model's."),
         elastic=True, same_law=("viscous", "damping")),
-    Kind("coulomb_friction", "connection", "Coulomb", ("coulomb",), _T(
+    Kind(name="coulomb_friction", at="connection", law="Coulomb", strengths=("coulomb",), text=_T(
         "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
         "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
         "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
-        shape_grids.smooth_sign, ("v_s",), one_sided=True, same_law=("coulomb",)),
-    Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
+        shapes=shape_grids.smooth_sign, free_shapes=("v_s",), one_sided=True, same_law=("coulomb",)),
+    Kind(name="asymmetric_coulomb_friction", at="connection", law="AsymmetricCoulomb",
+         strengths=("forward", "backward"), text=_T(
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
         "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
-        shape_grids.smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
-    Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
+        shapes=shape_grids.smooth_sign, free_shapes=("v_s",), one_sided=True, contains=("coulomb_friction",),
+        by_direction=True),
+    Kind(name="asymmetric_viscous_friction", at="connection", law="AsymmetricViscous",
+         strengths=("forward", "backward"), text=_T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
         "A shock absorber, a ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
         "Plot the drive force against constant speed in both directions: the two slopes differ."),
         one_sided=True, contains=("viscous_friction", "extra_damping"), by_direction=True),
-    Kind("stribeck_friction", "connection", "Stribeck", ("breakaway",), _T(
+    Kind(name="stribeck_friction", at="connection", law="Stribeck", strengths=("breakaway",), text=_T(
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
         "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
-        shape_grids.low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
-    Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
+        shapes=shape_grids.low_speeds, free_shapes=("v_stribeck", "v_s"), one_sided=True,
+        contains=("coulomb_friction",)),
+    Kind(name="quadratic_drag", at="connection", law="Drag", strengths=("drag",), text=_T(
         "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
         "Air or fluid that is pushed aside, ventilation of rotors, displaced oil, oil through an orifice.",
         "Compare constant speeds: doubling the speed makes this part of the force four times larger."),
         one_sided=True),
-    Kind("load_dependent_friction", "connection", "LoadFriction", ("share",), _T(
+    Kind(name="load_dependent_friction", at="connection", law="LoadFriction", strengths=("share",), text=_T(
         "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
         "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
         "Repeat a slow motion with twice the payload: the friction rises with it."),
-        shape_grids.smooth_sign, ("v_s",), one_sided=True, needs="load"),
-    Kind("position_dependent_friction", "connection", "PositionFriction", ("slope", "bow"), _T(
+        shapes=shape_grids.smooth_sign, free_shapes=("v_s",), one_sided=True, needs="load"),
+    Kind(name="position_dependent_friction", at="connection", law="PositionFriction",
+         strengths=("slope", "bow"), text=_T(
         "friction that changes along the travel", "Dry friction with a level that depends on where the machine is.",
         "Guides that are not parallel, a bent rail, uneven wear, misaligned bearings.",
         "Move slowly over the whole travel both ways: half the difference of the two force curves is the friction."),
-        shape_grids.centred_sign, elastic=False),
-    Kind("constant_force", "connection", "Constant", ("push",), _T(
+        shapes=shape_grids.centred_sign, elastic=False),
+    Kind(name="constant_force", at="connection", law="Constant", strengths=("push",), text=_T(
         "a constant force", "A force that does not depend on motion.",
         "Weight of a part or a slope, a counterbalance, a preloaded cable or hose, an offset of the drive.",
         "Hold still at several places: the holding force has the same non-zero mean everywhere.")),
-    Kind("linear_stiffness", "connection", "Stiffness", ("stiffness",), _T(
+    Kind(name="linear_stiffness", at="connection", law="Stiffness", strengths=("stiffness",), text=_T(
         "a spring", "A force proportional to the displacement.",
         "A cable or hose that is dragged along, a bellows, a flexure, magnetic attraction.",
         "Hold still at several places: the holding force rises in a straight line with position."),
-        shape_grids.centre),
-    Kind("cubic_stiffness", "connection", "CubicStiffness", ("stiffness",), _T(
+        shapes=shape_grids.centre),
+    Kind(name="cubic_stiffness", at="connection", law="CubicStiffness", strengths=("stiffness",), text=_T(
         "a spring that hardens or softens", "A force that grows with the cube of the displacement.",
         "Flexures at large deflection, rubber, stops that come into contact gradually.",
         "Hold still at several places: the holding force bends away from a straight line towards the ends."),
-        shape_grids.bends_about, ("centre",)),
-    Kind("backlash", "connection", "Backlash", ("gap",), _T(
+        shapes=shape_grids.bends_about, free_shapes=("centre",)),
+    Kind(name="backlash", at="connection", law="Backlash", strengths=("gap",), text=_T(
         "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
         "Worn gears, keys, couplings, loose screws, a nut without preload.",
         "Hold one side and move the other by hand: it moves freely for a moment. Reverse slowly and watch both sides."),
-        shape_grids.spring_gap, ("centre", "stiffness"), one_sided=True, linear=False, needs="stiffness", elastic=True),
-    Kind("hysteresis", "connection", "Hysteresis", ("level",), _T(
+        shapes=shape_grids.spring_gap, free_shapes=("centre", "stiffness"), one_sided=True, linear=False,
+        needs="stiffness", elastic=True),
+    Kind(name="hysteresis", at="connection", law="Hysteresis", strengths=("level",), text=_T(
         "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
         "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",
         "Reverse after a very short stroke: force against position draws a closed loop."),
-        shape_grids.displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
-    Kind("position_dependent_force", "connection", "PositionForce", ("bow", "wave"), _T(
+        shapes=shape_grids.displacements, free_shapes=("x_s",), one_sided=True, contains=("coulomb_friction",)),
+    Kind(name="position_dependent_force", at="connection", law="PositionForce", strengths=("bow", "wave"), text=_T(
         "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
         "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
         "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
-        shape_grids.centred, ("centre", "half")),
-    Kind("local_bump", "connection", "Bump", ("level",), _T(
+        shapes=shape_grids.centred, free_shapes=("centre", "half")),
+    Kind(name="local_bump", at="connection", law="Bump", strengths=("level",), text=_T(
         "a tight spot", "More resistance at one place of the travel.",
         "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
         "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
-        shape_grids.spots, ("place", "width", "v_s"), one_sided=True),
-    Kind("end_stop", "connection", "EndStop", ("stiffness",), _T(
+        shapes=shape_grids.spots, free_shapes=("place", "width", "v_s"), one_sided=True),
+    Kind(name="end_stop", at="connection", law="EndStop", strengths=("stiffness",), text=_T(
         "an end stop", "A stop or buffer that is met before the end of the travel.",
         "A rubber buffer, a bump stop of a suspension, a cable that is too short, a part that touches the frame.",
         "Move slowly towards both ends by hand: at one place resistance sets in. Look for a mark of contact there."),
-        shape_grids.end_stops, ("place",), one_sided=True),
-    Kind("angle_harmonic", "connection", "Harmonic", ("cosine", "sine"), _T(
+        shapes=shape_grids.end_stops, free_shapes=("place",), one_sided=True),
+    Kind(name="angle_harmonic", at="connection", law="Harmonic", strengths=("cosine", "sine"), text=_T(
         "a force that repeats along the way", "A force with a fixed period in angle or position.",
         "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",
         "Move at several speeds: the frequency of the ripple follows the speed; its period in angle stays."),
-        shape_grids.orders, ("order",)),
-    Kind("added_inertia", "connection", "AddedInertia", ("inertia",), _T(
+        shapes=shape_grids.orders, free_shapes=("order",)),
+    Kind(name="added_inertia", at="connection", law="AddedInertia", strengths=("inertia",), text=_T(
         "inertia that is not in the model", "A resistance against acceleration.",
         "A payload, coupling, rotor, hose or fixture that was forgotten or changed.",
         "Accelerate harder: the extra force is proportional to the acceleration and absent at constant speed."),
         needs="ground"),
-    Kind("slip", "connection", "Slip", ("creep",), _T(
+    Kind(name="slip", at="connection", law="Slip", strengths=("creep",), text=_T(
         "slip (creep)", "An elastic connection that gives way slowly under load.",
         "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
         "Mark both sides and run loaded: the marks drift apart."),
-        shape_grids.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
-    Kind("stribeck_load_friction", "connection", "StribeckLoadFriction", ("share",), _T(
+        shapes=shape_grids.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+    Kind(name="stribeck_load_friction", at="connection", law="StribeckLoadFriction", strengths=("share",), text=_T(
         "load-dependent friction at low speed", "Friction per load that falls while the motion gathers speed.",
         "Gear meshes, worm and harmonic drives that start under load, before the oil film carries.",
         "Start and creep with several payloads: the force to start rises with the load more than that at speed."),
-        shape_grids.low_loaded_speeds, ("v_stribeck", "v_s"), one_sided=True, needs="load",
+        shapes=shape_grids.low_loaded_speeds, free_shapes=("v_stribeck", "v_s"), one_sided=True, needs="load",
         contains=("load_dependent_friction",)),
-    Kind("directional_load_friction", "connection", "DirectionalLoadFriction", ("driving", "resisting"), _T(
+    Kind(name="directional_load_friction", at="connection", law="DirectionalLoadFriction",
+         strengths=("driving", "resisting"), text=_T(
         "friction per load that depends on the direction of power", "Friction per load, of another size where the load "
         "drives the motion than where it resists.",
         "Worm gears, screws and harmonic drives, whose efficiency differs forwards and backwards.",
         "Lift and lower the same payload slowly: the friction, half the difference of the two forces, is not the same "
         "share of the load for another payload."),
-        shape_grids.fading_sign, ("v_s",), one_sided=True, needs="load", contains=("load_dependent_friction",),
+        shapes=shape_grids.fading_sign, free_shapes=("v_s",), one_sided=True, needs="load",
+        contains=("load_dependent_friction",),
         by_direction=True),
-    Kind("quadratic_load_friction", "connection", "QuadraticLoadFriction", ("curve",), _T(
+    Kind(name="quadratic_load_friction", at="connection", law="QuadraticLoadFriction", strengths=("curve",), text=_T(
         "friction that grows with the square of the load", "Dry friction whose level follows the squared force that "
         "passes through.",
         "Harmonic drives, worm gears and preloaded screws whose contact deforms under load.",
         "Repeat a slow motion with two and with four times the payload: this part of the friction rises four times "
         "between them."),
-        shape_grids.fading_sign, ("v_s",), one_sided=True, needs="load"),
-    Kind("friction_drift", "connection", "FrictionDrift", ("rate",), _T(
+        shapes=shape_grids.fading_sign, free_shapes=("v_s",), one_sided=True, needs="load"),
+    Kind(name="friction_drift", at="connection", law="FrictionDrift", strengths=("rate",), text=_T(
         "dry friction that changes with time", "Dry friction that rises or falls while the machine runs.",
         "Warming up, seals that settle, wear, lubricant that is squeezed out or spreads.",
         "Repeat one slow motion over and over: the jump of the drive force at reversal changes from one to the next."),
-        shape_grids.since_begin_sign, needs="dry friction"),
-    Kind("viscous_drift", "connection", "ViscousDrift", ("rate",), _T(
+        shapes=shape_grids.since_begin_sign, needs="dry friction"),
+    Kind(name="viscous_drift", at="connection", law="ViscousDrift", strengths=("rate",), text=_T(
         "viscous friction that changes with time", "A resistance per speed that rises or falls while the machine runs.",
         "Grease or oil that warms up, a damper that heats up or loses its fluid.",
         "Repeat one fast motion over and over from a cold start: the drive force at speed falls from one to the next."),
-        shape_grids.since_begin, needs="viscous friction"),
-    Kind("stiffness_drift", "connection", "StiffnessDrift", ("rate",), _T(
+        shapes=shape_grids.since_begin, needs="viscous friction"),
+    Kind(name="stiffness_drift", at="connection", law="StiffnessDrift", strengths=("rate",), text=_T(
         "a stiffness that changes with time", "A spring that softens or stiffens while the machine runs.",
         "Rubber that warms up, a clamp or screw that loosens, a crack that grows.",
         "Let the machine ring before and after a long run: the natural frequency has changed."),
-        shape_grids.spring_since_begin, needs="stiffness", elastic=True),
-    Kind("friction_with_temperature", "connection", "WarmFriction", ("slope",), _T(
+        shapes=shape_grids.spring_since_begin, needs="stiffness", elastic=True),
+    Kind(name="friction_with_temperature", at="connection", law="WarmFriction", strengths=("slope",), text=_T(
         "dry friction that changes with temperature", "Dry friction that follows a temperature of the machine.",
         "Clearances that close as parts expand, seals that soften, lubricant that thins.",
         "Repeat one slow motion cold and warm: the jump of the drive force at reversal differs."),
-        shape_grids.fading_sign, needs="dry friction", signal="temperature"),
-    Kind("viscous_with_temperature", "connection", "WarmViscous", ("slope",), _T(
+        shapes=shape_grids.fading_sign, needs="dry friction", signal="temperature"),
+    Kind(name="viscous_with_temperature", at="connection", law="WarmViscous", strengths=("slope",), text=_T(
         "viscous friction that changes with temperature", "A resistance per speed that follows a temperature.",
         "Oil and grease: their viscosity halves within 10 to 20 K.",
         "Repeat one fast motion cold and warm: the drive force at speed differs."),
         needs="viscous friction", signal="temperature"),
-    Kind("stiffness_with_temperature", "connection", "WarmStiffness", ("slope",), _T(
+    Kind(name="stiffness_with_temperature", at="connection", law="WarmStiffness", strengths=("slope",), text=_T(
         "a stiffness that changes with temperature", "A spring that softens or stiffens with temperature.",
         "Rubber and plastics, preload that changes as parts expand.",
         "Let the machine ring cold and warm: the natural frequency differs."),
         needs="stiffness", elastic=True, signal="temperature"),
-    Kind("attached_mass", "connection", "AttachedMass", ("mass",), _T(
+    Kind(name="attached_mass", at="connection", law="AttachedMass", strengths=("mass",), text=_T(
         "a mass on a spring that is carried along", "A part that swings on its own spring and damper: a resonance that "
         "the model lacks.",
         "A tool, cable carrier, cover, tank or motor on an elastic mount; sloshing liquid; a soft joint.",
         "Knock on the machine or sweep the drive: one frequency rings that the model does not have. Touch parts by "
         "hand until it stops."),
-        shape_grids.resonances, ("natural_frequency", "damping_ratio"), one_sided=True, needs="ground",
+        shapes=shape_grids.resonances, free_shapes=("natural_frequency", "damping_ratio"), one_sided=True,
+        needs="ground",
         contains=("added_inertia",)),
-    Kind("sensor_offset", "sensor", "offset", ("offset",), _T(
+    Kind(name="sensor_offset", at="sensor", law="offset", strengths=("offset",), text=_T(
         "a sensor offset", "The sensor reads too much or too little by a constant.",
         "Zero not set, temperature, mounting under stress, a homing position that moved.",
         "Read the sensor at a state that is known (unloaded, at the reference mark).")),
-    Kind("sensor_gain", "sensor", "gain", ("gain",), _T(
+    Kind(name="sensor_gain", at="sensor", law="gain", strengths=("gain",), text=_T(
         "a sensor gain error", "The sensor reads too much or too little by a fixed share.",
         "Wrong calibration factor, another amplifier setting, a scale in other units.",
         "Apply two known values and compare the difference.")),
-    Kind("sensor_delay", "sensor", "delay", ("delay",), _T(
+    Kind(name="sensor_delay", at="sensor", law="delay", strengths=("delay",), text=_T(
         "a sensor delay", "The sensor's signal comes late.",
         "Filters in the sensor or amplifier, bus cycles, channels that are sampled one after the other.",
         "Record a sharp event on this and a direct channel together and compare the instants."),
         one_sided=True),
-    Kind("sensor_lag", "sensor", "lag", ("lag",), _T(
+    Kind(name="sensor_lag", at="sensor", law="lag", strengths=("lag",), text=_T(
         "a lag of the sensor", "The sensor follows late and smooths: a low-pass of first order, or one of another "
         "time constant than stated.",
         "An anti-aliasing or averaging filter, a thermometer in its sleeve, a pressure line, a slow amplifier.",
         "Step what is measured: the reading creeps to its end value in place of jumping late."),
         one_sided=True),
-    Kind("sensor_drift", "sensor", "drift", ("drift",), _T(
+    Kind(name="sensor_drift", at="sensor", law="drift", strengths=("drift",), text=_T(
         "a sensor drift", "The sensor's reading creeps away with time.",
         "Warming up, integrators without reset, charge amplifiers.",
         "Leave the machine at rest and record for as long as a run takes.")),
-    Kind("input_offset", "input", "offset", ("offset",), _T(
+    Kind(name="input_offset", at="input", law="offset", strengths=("offset",), text=_T(
         "an input offset", "What reaches the machine differs from what was recorded as input by a constant.",
         "Offset of an amplifier or analogue output, a zero that is not set.",
         "Command zero and measure at the machine.")),
-    Kind("input_gain", "input", "gain", ("gain",), _T(
+    Kind(name="input_gain", at="input", law="gain", strengths=("gain",), text=_T(
         "an input gain error", "What reaches the machine differs from what was recorded as input by a fixed share.",
         "Another amplifier gain, torque constant or unit than assumed.",
         "Command two known values and measure at the machine.")),
-    Kind("input_delay", "input", "delay", ("delay",), _T(
+    Kind(name="input_delay", at="input", law="delay", strengths=("delay",), text=_T(
         "an input delay", "The machine receives the input later than it was recorded.",
         "Bus and computing time of the controller, filters, a digital hold.",
         "Record command and response of the amplifier together and compare the instants."),
         one_sided=True),
-    Kind("input_lag", "input", "lag", ("lag",), _T(
+    Kind(name="input_lag", at="input", law="lag", strengths=("lag",), text=_T(
         "a lag of an input", "What reaches the machine follows the recorded input late and smoothed.",
         "An amplifier or actuator of limited bandwidth, an output filter, a valve that opens slowly.",
         "Record command and response of the amplifier together: the response creeps to its end value."),
-        shape_grids.filters, ("filter",), one_sided=True),
-    Kind("controller_delay", "signal", "lag", ("lag",), _T(
+        shapes=shape_grids.filters, free_shapes=("filter",), one_sided=True),
+    Kind(name="controller_delay", at="signal", law="lag", strengths=("lag",), text=_T(
         "a delay of the controller", "What the controller gives reaches the machine late.",
         "Computing time, bus cycles, sample-and-hold (half a period), a filter in the loop.",
         "Record reference, measurement and output of the loop together and compare a sharp event in them; raise the "
         "gain: the loop rings at a gain at which the model does not."),
-        shape_grids.filters, ("filter",), one_sided=True),
-    Kind("unknown_force", "connection", "Curve", tuple(f"curve.y[{k}]" for k in range(17)), _T(
+        shapes=shape_grids.filters, free_shapes=("filter",), one_sided=True),
+    Kind(name="unknown_force", at="connection", law="Curve",
+         strengths=tuple(f"curve.y[{k}]" for k in range(17)), text=_T(
         "a force that no entry of the catalogue explains", "A force that follows position, speed or time in a way "
         "that no simple law does; its curve is given by points.",
         "Something that nobody has put into the catalogue yet; the curve's shape is the clue.",
         "Measure the force directly at this connection, or repeat the run and see whether the curve comes back."),
-        None),
+        shapes=None),
 ])
 # fmt: on
 SHIPPED = tuple(_KINDS)

@@ -74,7 +74,7 @@ def law_forces(
     inputs = np.column_stack([columns[n] for n in system.input_names])
     if not system.states:
         return system.outputs_along(time, np.zeros((time.size, 0)), inputs, np.array(every))[:, :, 0]
-    table = InputTable(time, inputs, system.input_names)
+    table = InputTable(times=time, values=inputs, names=system.input_names)
 
     def force(p: np.ndarray) -> np.ndarray:
         solution = integrate(

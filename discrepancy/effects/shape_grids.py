@@ -14,7 +14,7 @@ DAMPING = 0.1  # damping ratio that the scan takes for a resonance: between a ri
 Shapes = list[dict[str, float]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MotionRange:
     """How far and how fast a connection moved in the records.
 

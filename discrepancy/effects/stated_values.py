@@ -40,7 +40,15 @@ def stated_kind(
     'parameter'
     """
     classes = component if isinstance(component, tuple) else (component,)
-    return Kind(name, "parameter", classes[0].__name__, (parameter,), text, component=component, stated=True)
+    return Kind(
+        name=name,
+        at="parameter",
+        law=classes[0].__name__,
+        strengths=(parameter,),
+        text=text,
+        component=component,
+        stated=True,
+    )
 
 
 _SETTINGS = "Somebody has tuned it, another parameter set is loaded, units or scaling differ from the model's."

@@ -236,13 +236,13 @@ def _simpler(effect: Effect, kind: str) -> Effect | None:
     names = kind_named(kind).strengths
     if kind_named(kind).at != effect.definition.at or not effect.ports:
         return None
-    usual = Effect(kind, effect.where, domain=effect.domain).usual_shape()
+    usual = Effect(kind=kind, where=effect.where, domain=effect.domain).usual_shape()
     mean = sum(map(abs, effect.strengths.values())) / len(effect.strengths)
     return Effect(
-        kind,
-        effect.where,
-        dict.fromkeys(names, mean),
-        {k: effect.shape.get(k, v) for k, v in usual.items()},
+        kind=kind,
+        where=effect.where,
+        strengths=dict.fromkeys(names, mean),
+        shape={k: effect.shape.get(k, v) for k, v in usual.items()},
         ports=effect.ports,
         domain=effect.domain,
         load=effect.load if kind_named(kind).needs else "",

@@ -154,7 +154,7 @@ class CurveReport:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Basis:
     regressor: str
     parity: str
@@ -183,7 +183,7 @@ def _basis(name: str, x: Array, parity: str, direction: Array, n_knots: int, per
         for i in range(len(knots) - 2):
             D[i, i : i + 3] = [1 / h[i], -1 / h[i] - 1 / h[i + 1], 1 / h[i + 1]]
     X = T * direction[:, None] if parity == "odd" else T
-    return _Basis(name, parity, knots, X, D.T @ D, period)
+    return _Basis(regressor=name, parity=parity, knots=knots, X=X, penalty=D.T @ D, period=period)
 
 
 class _Fit:
@@ -321,12 +321,12 @@ def explain_force(
     if direction is not None and np.ptp(direction) > 0:
         # A force that only reverses with the direction is an odd curve over anything: offer its simplest form.
         plain = _Basis(
-            "direction",
-            "even",
-            np.array([-1.0, 1.0]),
-            hat_functions(direction, np.array([-1.0, 1.0])),
-            np.zeros((2, 2)),
-            None,
+            regressor="direction",
+            parity="even",
+            knots=np.array([-1.0, 1.0]),
+            X=hat_functions(direction, np.array([-1.0, 1.0])),
+            penalty=np.zeros((2, 2)),
+            period=None,
         )
         fits.append(_Fit(plain, w, spans, 0.0))
     if not fits:

@@ -77,7 +77,10 @@ class _Pair:
         given = fit.experiment
         inputs = {n: np.asarray(given.record.signals[n].values) for n in given.inputs}
         time, changed = trip.apply(np.asarray(given.record.time), inputs)
-        signals = {n: RecordedSignal(u, given.record.signals[n].unit, n, "") for n, u in changed.items()}
+        signals = {
+            n: RecordedSignal(values=u, unit=given.record.signals[n].unit, column=n, measured_unit="")
+            for n, u in changed.items()
+        }
         record = Record(name=f"{given.record.name} {trip.words}", path=given.record.path, time=time, signals=signals)
         start = {n: float(x) for n, x in zip(stage.system.state_names, self._start(stage), strict=True)}
         return replace(given, record=record, outputs=self.outputs, offsets=(), start=start, input_noise={})

@@ -173,12 +173,16 @@ def _experiment(
             first = experiment.start.get(m.states[0], 0.0)
             smooth, rate, second = position + (first if isinstance(first, float | int) else 0.0), smooth, rate
         for name, values, unit in zip(m.quantities, (smooth, rate, second), units, strict=False):
-            signals[name] = RecordedSignal(values[inside], unit, record.signals[m.output].column, unit)
+            signals[name] = RecordedSignal(
+                values=values[inside], unit=unit, column=record.signals[m.output].column, measured_unit=unit
+            )
         if m.force:
             drive = record.signals[m.force]
             signals[m.force] = replace(drive, values=low_pass(time, drive.values, cutoff)[inside])
         else:
-            signals[m.needed] = RecordedSignal(np.zeros(time.size)[inside], units[3], "", units[3])
+            signals[m.needed] = RecordedSignal(
+                values=np.zeros(time.size)[inside], unit=units[3], column="", measured_unit=units[3]
+            )
     log = (
         *record.log,
         f"zero-phase low-pass at {cutoff:.4g} Hz, motion differentiated, {edge} samples left out at each end",

@@ -42,10 +42,24 @@ MASS = 40.0
 ADDED = {"N": 0.1, "N*m": 4e-3, "m": 5e-7, "rad": 1e-5, "m/s": 1e-4, "rad/s": 0.03}
 INPUTS, OUTPUTS = ("reference.position",), ("motor.torque", "carriage.position", "motor.speed")
 CHANNELS = (
-    Channel("reference.position", "position_ref_mm", "m", "mm", resolution=1e-4, exact=True),
-    Channel("motor.torque", "motor_torque_Nm", "N*m", "N*m", noise=4e-3, resolution=1e-3, analogue=True),
-    Channel("carriage.position", "position_mm", "m", "mm", noise=5e-7, resolution=1e-3),
-    Channel("motor.speed", "motor_speed_rpm", "rad/s", "rpm", noise=0.03, resolution=0.05),
+    Channel(
+        signal="reference.position", column="position_ref_mm", unit="m", measured_unit="mm", resolution=1e-4, exact=True
+    ),
+    Channel(
+        signal="motor.torque",
+        column="motor_torque_Nm",
+        unit="N*m",
+        measured_unit="N*m",
+        noise=4e-3,
+        resolution=1e-3,
+        analogue=True,
+    ),
+    Channel(
+        signal="carriage.position", column="position_mm", unit="m", measured_unit="mm", noise=5e-7, resolution=1e-3
+    ),
+    Channel(
+        signal="motor.speed", column="motor_speed_rpm", unit="rad/s", measured_unit="rpm", noise=0.03, resolution=0.05
+    ),
 )
 
 
@@ -91,7 +105,17 @@ class AxisRig(Rig):
         if not name or name in OUTPUTS:
             return CHANNELS
         unit = self.model.build().unit(name)
-        return (*CHANNELS, Channel(name, name.replace(".", "_"), unit, unit, noise=ADDED.get(unit, 0.0), analogue=True))
+        return (
+            *CHANNELS,
+            Channel(
+                signal=name,
+                column=name.replace(".", "_"),
+                unit=unit,
+                measured_unit=unit,
+                noise=ADDED.get(unit, 0.0),
+                analogue=True,
+            ),
+        )
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -82,7 +82,7 @@ class SignalScale:
     duration: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Hidden:
     """An effect that a rig has and the model lacks: of a kind in the catalogue or not.
 
@@ -299,7 +299,7 @@ def draw_effect(
         size = _drawn(name, strength * _SIGNAL_SIZES[name](scale), rng, spread)
         # A lag behind a filter of the same time is a low-pass of first order, behind one of half of it nearly a delay.
         shape = {"filter": (0.5 if entry.kind.at == "signal" else 1.0) * size} if entry.kind.inserted else {}
-        return Effect(entry.kind.name, entry.where, {name: size}, shape)
+        return Effect(kind=entry.kind.name, where=entry.where, strengths={name: size}, shape=shape)
     sizes = _SIZES.get(entry.kind.name)
     if sizes is None:
         raise BenchError([f"'{entry.kind.name}' has no usual size on a virtual rig: it cannot be hidden there"])
@@ -317,7 +317,7 @@ def misstated(entry: Entry, rng: np.random.Generator, *, strength: float = 1.0, 
     """Return a parameter that is not what the model says, by about a quarter; arguments as of `draw_effect`."""
     factor = (1.0 + _MISSTATED * strength * rng.uniform(1.0 - spread, 1.0 + spread)) ** rng.choice((-1, 1))
     values = {n: float(v * factor) for n, v in zip(entry.kind.strengths, entry.stated, strict=True)}
-    return Effect(entry.kind.name, entry.where, values)
+    return Effect(kind=entry.kind.name, where=entry.where, strengths=values)
 
 
 def _drawn(name: str, size: float, rng: np.random.Generator, spread: float) -> float:
@@ -396,4 +396,6 @@ def unknown_effect(
         },
     }[over]
     cls = UNKNOWN_LAWS[over][0 if place.domain == "translation" else 1]
-    return Hidden(None, entry.where, component=cls(**values), ports=(place.first_port, place.second_port), over=over)
+    return Hidden(
+        effect=None, where=entry.where, component=cls(**values), ports=(place.first_port, place.second_port), over=over
+    )

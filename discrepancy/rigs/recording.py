@@ -93,7 +93,7 @@ class RigDisturbance:
         return np.asarray(self.size * np.sqrt(0.5) * (swing + drift))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Channel:
     """How a rig records one quantity.
 
@@ -230,7 +230,12 @@ def record_of(
     from multibody.base.units import convert
 
     signals = {
-        c.signal: RecordedSignal(convert(columns[c.column], c.measured_unit, c.unit), c.unit, c.column, c.measured_unit)
+        c.signal: RecordedSignal(
+            values=convert(columns[c.column], c.measured_unit, c.unit),
+            unit=c.unit,
+            column=c.column,
+            measured_unit=c.measured_unit,
+        )
         for c in channels
     }
     return Record(name=name, path=path, time=stamps, signals=signals, log=("made by a virtual rig",))

@@ -53,7 +53,7 @@ MOST_STRENGTH = 1000.0
 _CONTROLLED = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rig:
     """How a virtual rig is run; a subclass states of which machine.
 
@@ -238,9 +238,9 @@ class Rig:
                 continue
             stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
             span_ = MotionRange(
-                float(x.min()),
-                float(x.max()),
-                fast,
+                low=float(x.min()),
+                high=float(x.max()),
+                speed=fast,
                 turns=place.domain == "rotation",
                 scale=stiffness,
                 duration=self.duration,
@@ -271,7 +271,7 @@ class Rig:
             rng = np.random.default_rng([int(self.seed), 5, *named.encode()])
             if isinstance(choice, Entry) and choice.kind.stated:
                 effect = misstated(choice, rng, strength=self.strength, spread=spread)
-                hidden.append(Hidden(effect, where, stated=choice.stated))
+                hidden.append(Hidden(effect=effect, where=where, stated=choice.stated))
                 continue
             at_place = isinstance(choice, str) or choice.place is not None
             scale: Any = places[where] if at_place else signals[where]
@@ -287,7 +287,7 @@ class Rig:
                     regularisation=self.regularisation,
                     spread=spread,
                 )
-                hidden.append(Hidden(effect, where))
+                hidden.append(Hidden(effect=effect, where=where))
         return [self._as_given(h) for h in hidden]
 
     def _as_given(self, hidden: Hidden) -> Hidden:

@@ -133,7 +133,7 @@ def left_out_residuals(stage: Stage, preparation: Preparation, weights: dict[str
     known = np.isfinite(prior)
     layout = Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), 0)
     whitener = identity([weights[c] for c in residual.channels], residual.channels, residual.dt)
-    own = project(whitener, Sensitivities(sens.names, sens.blocks, nuisance=sens.nuisance), layout)
+    own = project(whitener, Sensitivities(names=sens.names, blocks=sens.blocks, nuisance=sens.nuisance), layout)
     e = own.remove_local(layout.stack(whitener, residual.blocks))
     F = own.remove_local(layout.stack(whitener, sens.blocks)) if sens.names else np.zeros((layout.n_rows, 0))
     scale = np.maximum(np.linalg.norm(F, axis=0), 1e-300)

@@ -102,7 +102,7 @@ def candidate_sensitivities(
             part = linearised.system.model.components[owner]
             plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
-            grid = entry.kind.shape_grid(MotionRange(0.0, 0.0, 0.0, step=linearised.step))
+            grid = entry.kind.shape_grid(MotionRange(low=0.0, high=0.0, speed=0.0, step=linearised.step))
             plans.append((entry, grid, list(entry.kind.strengths)))
     store = ArrayStore()
     _announce(linearised, plans, progress)

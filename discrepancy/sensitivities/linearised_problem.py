@@ -143,9 +143,9 @@ class LinearisedProblem:
         scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
         times = [e.time for e in self.experiments]
         return MotionRange(
-            low,
-            high,
-            speed,
+            low=low,
+            high=high,
+            speed=speed,
             turns=place.domain == "rotation",
             scale=float(scale),
             begin=float(times[0][0]),
@@ -212,7 +212,7 @@ class LinearisedProblem:
         prior = np.array([p.std for p in parameters])
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
         return Sensitivities(
-            [p.name for p in parameters], blocks, prior_std=prior, prior_offset=offset, nuisance=nuisance
+            names=[p.name for p in parameters], blocks=blocks, prior_std=prior, prior_offset=offset, nuisance=nuisance
         )
 
     def _derivatives(self, parameters: Sequence[str]) -> list[np.ndarray]:

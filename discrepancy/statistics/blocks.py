@@ -130,7 +130,7 @@ class Residual:
         return self.dt * sum(len(b) for b in self.blocks)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sensitivities:
     """Derivatives of the outputs with respect to what calibration may move.
 
@@ -277,8 +277,8 @@ def with_candidate(sens: Sensitivities, candidate: Candidate, shape: int = 0) ->
     blocks = [np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)]
     names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.strengths))
     return Sensitivities(
-        names,
-        blocks,
+        names=names,
+        blocks=blocks,
         prior_std=np.append(sens.prior_std, np.full(candidate.n_strengths, np.inf)),
         prior_offset=np.append(sens.prior_offset, np.zeros(candidate.n_strengths)),
         nuisance=sens.nuisance,

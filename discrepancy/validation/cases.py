@@ -107,7 +107,7 @@ def _held_out_ratio(
         strengths = {k: true.pop(k) for k in entry.kind.strengths}
         bent |= not entry.kind.linear  # a fit from parameters that imitate it would not reach it
         if entry.place is None:
-            effects.append(Effect(entry.kind.name, entry.where, strengths, true))
+            effects.append(Effect(kind=entry.kind.name, where=entry.where, strengths=strengths, shape=true))
         else:
             parts = {"strengths": strengths, "shape": true, "load": entry.load}
             effects.append(Effect.at_place(entry.kind.name, entry.place, **parts))

@@ -202,7 +202,7 @@ def baseline(
     """Sensitivities of the parameters that the model has: mass, viscous and Coulomb friction by default."""
     per = [axis.respond([law(k, m, {}, axis.dt) for m in axis.motions]) for k in kinds]
     blocks = [np.concatenate([p[b] for p in per], axis=2) for b in range(len(axis.motions))]
-    return Sensitivities(kinds, blocks, prior_std=[2.0, 20.0, 20.0][: len(kinds)])
+    return Sensitivities(names=kinds, blocks=blocks, prior_std=[2.0, 20.0, 20.0][: len(kinds)])
 
 
 def _ar2(rng: np.random.Generator, n: int, freq: float, damping: float, dt: float) -> Array:

@@ -193,8 +193,8 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
     residual, held = (Residual(part, whole.dt, whole.channels) for part in (whole.blocks[:n], whole.blocks[n:]))
     first, last = (
         Sensitivities(
-            sens.names,
-            sens.blocks[p],
+            names=sens.names,
+            blocks=sens.blocks[p],
             prior_std=sens.prior_std,
             prior_offset=sens.prior_offset,
             nuisance=sens.nuisance[p],

@@ -36,7 +36,7 @@ SAMPLE = 1 << 16
 _EMPTY = ["", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "null", "NULL", "none", "None", "-nan", "+nan", "#N/A"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Layout:
     """How a text table is written.
 
@@ -147,7 +147,9 @@ def _layout(name: str, lines: Sequence[str], request: TableRequest) -> _Layout:
         )
     decimal = "." if delimiter == "," else _decimal(top[header.first :], delimiter)
     first = kept[header.first] if header.first < len(kept) else len(lines)
-    return _Layout(names, header.units, kept[header.row], first, delimiter, decimal)
+    return _Layout(
+        names=names, units=header.units, header=kept[header.row], first=first, delimiter=delimiter, decimal=decimal
+    )
 
 
 def _fast(name: str, raw: Any, layout: _Layout, request: TableRequest) -> dict[str, np.ndarray] | None:

@@ -43,7 +43,7 @@ class OwnSamples:
         return np.searchsorted(middle, time, side="right")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordedSignal:
     """One measured channel.
 

@@ -112,7 +112,13 @@ class _Conversion:
             values, unit = self._converted(
                 table.numbers[column], column, self.units.get(key), self.measured_units.get(key)
             )
-            signals[key] = RecordedSignal(values, self.units.get(key, si_unit_of(unit)), column, unit, self.file)
+            signals[key] = RecordedSignal(
+                values=values,
+                unit=self.units.get(key, si_unit_of(unit)),
+                column=column,
+                measured_unit=unit,
+                file=self.file,
+            )
         rows = table.rows
         if len(time) < 2:
             self.faults.append(
@@ -146,7 +152,9 @@ class _Conversion:
             if key not in recorded:
                 unit = self.units.get(key, "")
                 steady = np.full(len(time), float(self.defaults[key]))
-                signals[key] = RecordedSignal(steady, unit, column, unit, self.file)
+                signals[key] = RecordedSignal(
+                    values=steady, unit=unit, column=column, measured_unit=unit, file=self.file
+                )
                 self.log.append(absence_note(column, self.defaults[key]))
         if time_unit not in ("s", ""):
             self.log.append(f"{self.time}: {time_unit} to s")

@@ -24,7 +24,7 @@ SAME_NOISE = 0.8
 MOST_SAMPLES = 200_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SharedRows:
     """Two records that hold the same rows.
 
@@ -74,7 +74,7 @@ def shared_rows(
         if rows < LEAST_SHARE * min(len(records[i].time), len(records[j].time)):
             continue
         where = records[j].time[covered]
-        found.append(SharedRows(i, j, rows, float(where[0]), float(where[-1])))
+        found.append(SharedRows(first=i, second=j, rows=rows, start=float(where[0]), stop=float(where[-1])))
     return found
 
 

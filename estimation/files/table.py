@@ -155,7 +155,7 @@ def cells_to_numbers(
     return values, [f"{name}, column '{column}', {rows.say(wrong)}: '{sample}' is not a number: {remedy}"]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Numbers:
     """Columns turned into numbers one after the other, with what was assumed and what was wrong."""
 
@@ -240,7 +240,7 @@ def table_from_arrays(
     count = max((len(array) for array in arrays.values()), default=0)
     rows = rows or Rows(np.arange(1, count + 1))
     notes = [*log, *notes_on_names(names, request.every)]
-    read = _Numbers(path.name, request, notes)
+    read = _Numbers(name=path.name, request=request, log=notes)
     numbers = {c: read.of(c, arrays[c], rows.take(slice(0, len(arrays[c]))), decimal) for c in request.columns}
     if read.faults:
         raise RecordError(read.faults)

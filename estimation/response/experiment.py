@@ -56,7 +56,7 @@ class Response:
     evaluations: int = 0
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class _Cache:
     """Results that an experiment keeps; only the experiment itself reads and writes them."""
 
@@ -519,4 +519,4 @@ def _directions(
             p_dot[k, system.index("parameter", item)] = 1.0
         else:
             x_dot[k, system.index("state", item)] = 1.0
-    return Directions(x_dot, p_dot, channel, shape_t, shape)
+    return Directions(x0_dot=x_dot, p_dot=p_dot, channel=channel, shape_t=shape_t, shape=shape)

@@ -38,10 +38,19 @@ CYCLES = 64
 #: Time at both ends that is not compared: the model's start, at rest under the load, has died away by then, s.
 EDGE = 0.06
 CHANNELS = (
-    Channel("speed", "speed_rpm", "rad/s", "rpm", exact=True),
-    Channel("torque", "load_torque_Nm", "N*m", "N*m", exact=True),
-    Channel("transmission_error", "transmission_error [um]", "m", "um", noise=3e-7, resolution=0.01),
-    Channel("drive_torque", "drive_torque_Nm", "N*m", "N*m", noise=0.1, resolution=0.01),
+    Channel(signal="speed", column="speed_rpm", unit="rad/s", measured_unit="rpm", exact=True),
+    Channel(signal="torque", column="load_torque_Nm", unit="N*m", measured_unit="N*m", exact=True),
+    Channel(
+        signal="transmission_error",
+        column="transmission_error [um]",
+        unit="m",
+        measured_unit="um",
+        noise=3e-7,
+        resolution=0.01,
+    ),
+    Channel(
+        signal="drive_torque", column="drive_torque_Nm", unit="N*m", measured_unit="N*m", noise=0.1, resolution=0.01
+    ),
 )
 #: Kinds that encoders and a torque meter at constant speed can show and distinguish.
 KINDS = ("eccentricity", "pitch_error", "mesh_stiffness_variation", "misalignment", "profile_error", "unbalance")

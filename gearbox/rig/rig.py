@@ -42,7 +42,14 @@ SENSORS = ("input_seat", "output_seat", "base")
 AXES = ("x", "y", "z")
 ACCELEROMETERS = tuple(f"a_{sensor}_{axis}" for sensor in SENSORS for axis in AXES)
 #: What gear 1 has turned ahead of gear 2, along the line of action, from an encoder on each shaft.
-TRANSMISSION_ERROR = Channel("transmission_error", "transmission_error [um]", "m", "um", noise=3e-7, resolution=0.01)
+TRANSMISSION_ERROR = Channel(
+    signal="transmission_error",
+    column="transmission_error [um]",
+    unit="m",
+    measured_unit="um",
+    noise=3e-7,
+    resolution=0.01,
+)
 #: What is drawn for each rig, within Table 3: name, lowest, highest, unit.
 TRUE_RANGES = (
     ("K", 5.2e5, 11.0e5, "N at 1 mm"),
@@ -121,11 +128,21 @@ class GearRig:
     def channels(self) -> tuple[Channel, ...]:
         """What is recorded."""
         slow = (
-            Channel("speed", "speed_rpm", "rad/s", "rpm", noise=0.02, resolution=0.01),
-            Channel("torque", "load_torque_Nm", "N*m", "N*m", noise=0.2, resolution=0.05),
+            Channel(signal="speed", column="speed_rpm", unit="rad/s", measured_unit="rpm", noise=0.02, resolution=0.01),
+            Channel(
+                signal="torque", column="load_torque_Nm", unit="N*m", measured_unit="N*m", noise=0.2, resolution=0.05
+            ),
         )
         fast = tuple(
-            Channel(name, f"{name} [m/s2]", "m/s**2", "m/s**2", noise=self.noise, resolution=2e-3, analogue=True)
+            Channel(
+                signal=name,
+                column=f"{name} [m/s2]",
+                unit="m/s**2",
+                measured_unit="m/s**2",
+                noise=self.noise,
+                resolution=2e-3,
+                analogue=True,
+            )
             for name in ACCELEROMETERS
         )
         return slow + fast + ((TRANSMISSION_ERROR,) if self.encoders else ())

@@ -278,7 +278,7 @@ def _design(order: int, low: float, high: float) -> Array:
     return np.asarray(butter(order, (low, high), btype="bandpass", output="sos"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Processing:
     """What is done to measured and simulated signals alike before they are compared.
 

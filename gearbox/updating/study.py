@@ -84,7 +84,7 @@ class UpdatingStudy:
         t = self.table
         if len(t.band) != 2:
             raise SignalError(f"band = {t.band} must be two frequencies, such as [300.0, 1200.0]")
-        return Processing(t.rate, (t.band[0], t.band[1]), t.duration)
+        return Processing(rate=t.rate, band=(t.band[0], t.band[1]), duration=t.duration)
 
     def virtual(self) -> Settings:
         """How the model is run."""

@@ -96,7 +96,7 @@ def find_places(model: ModelGraph) -> list[Place]:
 def _resolved(model: ModelGraph) -> tuple[Network, Assembly, Kinematics]:
     """Check a model, read its equations and decide how its nodes move."""
     net = network(model)
-    work = Assembly(model.name)
+    work = Assembly(name=model.name)
     _components(model, net, work)
     if net.faults or work.faults:
         raise ModelError(model.name, dict.fromkeys([*net.faults, *work.faults]))
@@ -127,7 +127,9 @@ def _components(model: ModelGraph, net: Network, work: Assembly) -> None:
             var = variable(owner, name)
             start = component.starts.get(name, state.start)  # absent where the value given was at fault
             bounds: dict[str, Any] = {"value": start, "min": state.min, "max": state.max}
-            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, **bounds))
+            work.states.append(
+                Quantity(name=f"{owner}.{name}", unit=state.unit, meaning=state.meaning, variable=var, **bounds)
+            )
             work.derivatives[var] = variable(owner, "_der", name)
         for name, item in component.of_kind(UnknownDeclaration).items():
             work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name)))
@@ -166,7 +168,9 @@ def _model_input(work: Assembly, entry: ModelInput, unit: str) -> None:
     """A signal from outside, with its gain error, offset and delay where the model has them."""
     used = variable("input", entry.name)
     raw = used if entry.gain is None and entry.offset is None else f"{used}___raw"
-    work.inputs.append(Quantity(entry.name, unit, "model input", raw, value=entry.default or 0.0))
+    work.inputs.append(
+        Quantity(name=entry.name, unit=unit, meaning="model input", variable=raw, value=entry.default or 0.0)
+    )
     text = raw
     if entry.gain is not None:
         gain = work.parameter(f"input.{entry.name}.gain", "", "relative gain error of the input", entry.gain)
@@ -198,7 +202,9 @@ def _probes(work: Assembly, kinematics: Kinematics) -> None:
     for k, place in enumerate(work.places):
         force = f"probe__{k}"
         unit = "N" if place.domain == "translation" else "N*m"
-        work.inputs.append(Quantity(f"probe.{place.name}", unit, f"extra {unit} at {place.name}", force))
+        work.inputs.append(
+            Quantity(name=f"probe.{place.name}", unit=unit, meaning=f"extra {unit} at {place.name}", variable=force)
+        )
         kinematics.apply_force(place.first, force)
         if place.second is not None:
             kinematics.apply_force(place.second, f"-{force}")
@@ -219,7 +225,9 @@ def _signal_probes(model: ModelGraph, work: Assembly) -> dict[str, str]:
         owner, component, item = model.find(source)  # type: ignore[misc]
         declared: Any = component.declarations[item]
         probe, total = f"probe__signal__{k}", f"signal__{k}"
-        work.inputs.append(Quantity(f"probe.{source}", declared.unit, f"added to {source}", probe))
+        work.inputs.append(
+            Quantity(name=f"probe.{source}", unit=declared.unit, meaning=f"added to {source}", variable=probe)
+        )
         work.add(f"{total} = {variable(owner, item)} + {probe}", source)
         taken |= dict.fromkeys(targets, total)
     return taken
@@ -253,7 +261,9 @@ def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
     if integrate:
         for name in ("lost", "supplied"):
             var = f"energy__{name}"
-            work.states.append(Quantity(f"energy.{name}", "J", f"energy {name} since the start", var))
+            work.states.append(
+                Quantity(name=f"energy.{name}", unit="J", meaning=f"energy {name} since the start", variable=var)
+            )
             work.derivatives[var] = f"energy__{name}_power"
 
 
@@ -293,7 +303,7 @@ def _port_quantity(model: ModelGraph, source: str) -> Quantity | None:
     units = getattr(component.declarations.get(port), "units", {})
     if last not in units:
         return None
-    return Quantity(source, units[last], last, variable(owner, port, last))
+    return Quantity(name=source, unit=units[last], meaning=last, variable=variable(owner, port, last))
 
 
 def _rename(work: Assembly) -> None:
@@ -314,5 +324,7 @@ def _rename(work: Assembly) -> None:
         item.nodes = [Renamer().visit(n) for n in item.nodes]
         item.reads = {final(n) for n in item.reads}
         item.writes = {final(n) for n in item.writes}
-    work.outputs = [Quantity(q.name, q.unit, q.meaning, final(q.variable)) for q in work.outputs]
+    work.outputs = [
+        Quantity(name=q.name, unit=q.unit, meaning=q.meaning, variable=final(q.variable)) for q in work.outputs
+    ]
     work.derivatives = {k: final(v) for k, v in work.derivatives.items()}

@@ -92,7 +92,7 @@ def _shown(node: ast.AST) -> str:
     return ast.unparse(_Names().visit(copy))
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Checker:
     """Follows dimensions through statements; what it finds wrong is collected once."""
 
@@ -255,7 +255,9 @@ class _Checker:
         except EquationError:
             return None  # reported when the model is built
         inner = dict(zip((a.arg for a in text.args.args), arguments, strict=False))
-        below = _Checker(inner, {}, self.kernels, self.faults, (*self.calling, name))
+        below = _Checker(
+            known=inner, tables={}, kernels=self.kernels, faults=self.faults, calling=(*self.calling, name)
+        )
         return below.statements(text.body, f"{where}, in {function.__name__}")
 
     def _table(self, node: ast.Call, where: str, slope: bool) -> Dimension:
@@ -345,7 +347,7 @@ def component_dimension_faults(name: str, component: Component) -> tuple[str, ..
             statements = method_statements(Scope(name, component, kernels), method)
         except EquationError:
             continue
-        checker = _Checker(dict(known), found, kernels, faults)
+        checker = _Checker(known=dict(known), tables=found, kernels=kernels, faults=faults)
         for statement in _in_order(statements):
             checker.statements(statement.nodes, statement.origin)
     return tuple(faults)

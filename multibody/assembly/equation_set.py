@@ -13,7 +13,7 @@ from multibody.equations.statements import Statement, variable
 __all__ = ["Assembly", "Contribution", "Coordinate", "Quantity", "Unknown", "owner_rank", "statement"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Quantity:
     """A named number of the assembled model: a state, an input, a parameter or an output."""
 
@@ -89,7 +89,7 @@ class Contribution:
     force: tuple[str | None, ...] = ()
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Assembly:
     """The equations of a model, not yet ordered.
 
@@ -123,12 +123,12 @@ class Assembly:
     def parameter(self, name: str, unit: str, meaning: str, value: float, **bounds: float | None) -> str:
         """Add a parameter and return its variable."""
         var = variable(name)
-        self.parameters.append(Quantity(name, unit, meaning, var, value=value, **bounds))
+        self.parameters.append(Quantity(name=name, unit=unit, meaning=meaning, variable=var, value=value, **bounds))
         return var
 
     def output(self, name: str, unit: str, meaning: str, var: str) -> None:
         """Add an output that shows a variable."""
-        self.outputs.append(Quantity(name, unit, meaning, var))
+        self.outputs.append(Quantity(name=name, unit=unit, meaning=meaning, variable=var))
 
 
 def statement(text: str, origin: str) -> Statement:

@@ -12,7 +12,7 @@ from multibody.model.network import Network, Node
 __all__ = ["Coupling", "Kinematics", "NodeMotion"]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class NodeMotion:
     """Variables of a node's motion and its factors J over the independent coordinates."""
 

@@ -31,7 +31,7 @@ def resolve_nodes(model: ModelGraph, net: Network, work: Assembly) -> Kinematics
                 if own != f"{base}__{what}":
                     work.renamed[own] = f"{base}__{what}"
         if not node.still:
-            kin.motions[id(node)] = NodeMotion(node, base)
+            kin.motions[id(node)] = NodeMotion(node=node, base=base)
         elif node.grounded:
             work.add(f"{base}__{port.potential} = 0.0", "ground")
     couplings = directed(model, net, work)
@@ -98,7 +98,9 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
     for (name, value), what, var in named:
         if what == port.rate and massless:
             continue
-        work.states.append(Quantity(f"{label.owner}.{name}", port.units[what], what, var, value=value))
+        work.states.append(
+            Quantity(name=f"{label.owner}.{name}", unit=port.units[what], meaning=what, variable=var, value=value)
+        )
     work.derivatives[position] = rate
     if massless:
         kin._massless.add(id(node))

@@ -90,7 +90,7 @@ def _load(text: str, stem: str) -> ModuleType:
     return module
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NativeFunction:
     """A flat function with a C address that compiled drivers call.
 
@@ -297,7 +297,9 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
         made = None
         if lanes or models_by_emitter():
             made = _by_emitter(text, stem, name, arrays, lanes), None
-        return NativeFunction(name, python, arrays, True, (text, stem), lanes=lanes, _made=made)
+        return NativeFunction(
+            name=name, python=python, arrays=arrays, compiled=True, origin=(text, stem), lanes=lanes, _made=made
+        )
 
     faults: list[BaseException] = []
     guarded = _guard(python, faults)
@@ -305,7 +307,15 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
     back = ctypes.CFUNCTYPE(None, ctypes.c_double, *([pointer] * arrays))(guarded)
     address = ctypes.cast(back, ctypes.c_void_p).value or 0
     register_python(address, guarded)
-    return NativeFunction(name, python, arrays, False, (text, stem), faults, _made=(address, back))
+    return NativeFunction(
+        name=name,
+        python=python,
+        arrays=arrays,
+        compiled=False,
+        origin=(text, stem),
+        faults=faults,
+        _made=(address, back),
+    )
 
 
 @lru_cache(maxsize=256)

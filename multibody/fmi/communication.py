@@ -54,7 +54,7 @@ def given_name(owner: str, own: str) -> str:
     return f"{owner}.to.{own}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Around:
     """The system around a unit: where it hears the unit, and what it gives it."""
 
@@ -145,7 +145,7 @@ def stepped_run(
         If the unit refuses a step, or does not answer; if it asks for a step that does not fit the samples; if
         something runs away.
     """
-    around = _Around(system, unit, owner, p, table, extra or {}, rtol)
+    around = _Around(system=system, unit=unit, owner=owner, p=p, table=table, extra=extra or {}, rtol=rtol)
     least = _least_divisions(unit, times)
     run_in = _step_by_step if any(around.acts_back()) else _in_one_piece
     if unit.communication.fixed or divisions is not None:

@@ -137,7 +137,9 @@ class Fmu(Component):
         """Add what is heard of a unit that is stepped, and what it is given; see `multibody.fmi.communication`."""
         for v in unit.outputs:
             heard = f"{variable(owner, v.own)}___heard"
-            work.inputs.append(Quantity(heard_name(owner, v.own), v.unit, f"{v.name} of the unit", heard))
+            work.inputs.append(
+                Quantity(name=heard_name(owner, v.own), unit=v.unit, meaning=f"{v.name} of the unit", variable=heard)
+            )
             work.add(f"{variable(owner, v.own)} = {heard}", owner)
         for v in unit.inputs:
             shown = f"{variable(owner, v.own)}___given"

@@ -52,7 +52,7 @@ class Variable:
     depends_on: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Variables:
     """All variables in the order of their references, group by group as in ``instance.h``."""
 

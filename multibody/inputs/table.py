@@ -61,7 +61,7 @@ def _held_rates(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     return rates
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class InputTable:
     """Inputs sampled at common times, interpolated column by column, constant beyond both ends.
 
@@ -142,8 +142,8 @@ class InputTable:
         """Return a table of constants, from a sequence or from a dict of name to value."""
         if isinstance(values, Mapping):
             row = np.array(list(values.values()), dtype=np.float64)
-            return cls(np.zeros(1), row.reshape(1, -1), tuple(values))
-        return cls(np.zeros(1), np.asarray(values, dtype=np.float64).reshape(1, -1))
+            return cls(times=np.zeros(1), values=row.reshape(1, -1), names=tuple(values))
+        return cls(times=np.zeros(1), values=np.asarray(values, dtype=np.float64).reshape(1, -1))
 
     @classmethod
     def from_columns(
@@ -184,11 +184,11 @@ class InputTable:
         if faults:
             raise InputError("; ".join(faults))
         return cls(
-            t,
-            values,
-            tuple(columns),
-            tuple(named.get(name, default) for name in columns),
-            [delays.get(name, -1) for name in columns],
+            times=t,
+            values=values,
+            names=tuple(columns),
+            interpolation=tuple(named.get(name, default) for name in columns),
+            delay_parameter=[delays.get(name, -1) for name in columns],
         )
 
     @property

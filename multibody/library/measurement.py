@@ -12,7 +12,7 @@ import numpy as np
 __all__ = ["Measurement"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Measurement:
     """A sensor with its acquisition: delay and jitter, gain and offset, noise, quantisation, in that order.
 

@@ -57,7 +57,7 @@ class Part:
         return f"Part({self.name!r}, {self.component!r})"
 
 
-@dataclass
+@dataclass(kw_only=True)
 class ModelInput:
     """A signal that enters the model from outside and the component inputs that it feeds.
 
@@ -120,7 +120,7 @@ class ModelGraph:
         """Declare a signal that enters from outside and the component inputs that it feeds."""
         if name in self._inputs:
             self._faults.append(f"the model input '{name}' is declared twice")
-        self._inputs[name] = ModelInput(name, [str(t) for t in targets], default=default)
+        self._inputs[name] = ModelInput(name=name, targets=[str(t) for t in targets], default=default)
 
     def output(self, name: str, source: str) -> None:
         """Give a second name to a component's output, state or port quantity, such as ``"drive.flange.force"``."""

@@ -91,7 +91,7 @@ class Node:
         return [p for p in self.ports if p.coordinate]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Network:
     """A model's nodes, the source of each component input, the units of model inputs, and all faults."""
 

@@ -99,5 +99,11 @@ def _run(index: int, problem: NativeProblem, x0: Any, options: dict[str, Any]) -
     try:
         done = integrate(problem, x0=x0, **options)
     except Exception as error:
-        return Run(index, False, f"{type(error).__name__}: {error}", np.empty(0), np.empty((problem.size, 0)))
-    return Run(index, bool(done.success), str(done.message), done.t, done.y)
+        return Run(
+            index=index,
+            success=False,
+            message=f"{type(error).__name__}: {error}",
+            t=np.empty(0),
+            y=np.empty((problem.size, 0)),
+        )
+    return Run(index=index, success=bool(done.success), message=str(done.message), t=done.t, y=done.y)

@@ -91,11 +91,11 @@ def choose_method(
         return Choice(DormandPrince54, "explicit: there is no tangent for the Jacobian of the stiff method", 0.0, 0.0)
     x0 = np.asarray(x0, dtype=np.float64)
     plain = NativeProblem(
-        problem.rhs,
-        problem.p,
-        problem.table,
-        problem.n,
-        problem.tangent,
+        rhs=problem.rhs,
+        p=problem.p,
+        table=problem.table,
+        n=problem.n,
+        tangent=problem.tangent,
         colours=problem.colours,
         pattern=problem.pattern,
     )

@@ -39,7 +39,7 @@ SUCCESS = "The solver successfully reached the end of the integration interval."
 Item = tuple[int, NativeProblem, Any]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """One integration of a batch.
 
@@ -160,7 +160,7 @@ class _Rows:
             going = np.array([r for r in going.tolist() if group.watches and self._goes_on(r)], dtype=np.int64)
         good = self.tally[:, STATUS] == FINISHED
         return {
-            item[0]: Run(item[0], True, SUCCESS, group.times, self.states[r].T)
+            item[0]: Run(index=item[0], success=True, message=SUCCESS, t=group.times, y=self.states[r].T)
             for r, item in enumerate(items)
             if good[r]
         }

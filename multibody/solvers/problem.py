@@ -58,7 +58,7 @@ def _seeds(n: int, colours: bytes, pattern: bytes, lanes: int) -> np.ndarray:
     return seeds
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Directions:
     """Directions in initial state, parameters and inputs along which the solution is differentiated.
 
@@ -121,7 +121,7 @@ class Directions:
         return len(self.p_dot)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NativeProblem:
     """Right-hand side, parameters and inputs of x' = f(t, x, u(t), p), for the compiled solvers.
 
@@ -310,7 +310,7 @@ class NativeProblem:
         times, shape = np.asarray(directions.shape_t), np.asarray(directions.shape)
         if times.size < 2:
             return own
-        added = InputTable(times, shape).kernel
+        added = InputTable(times=times, values=shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
         table["break_start"] = np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:])
         return TableArrays({**own, **table})

@@ -27,7 +27,7 @@ LONGEST = 160
 AHEAD = 10.0 ** np.arange(-12.0, 1.0, 0.5)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Assignment:
     """One statement that was carried out: what it assigned, and what came of it."""
 
@@ -132,7 +132,15 @@ def _carried_out(text: str, t: float, x: np.ndarray, u: np.ndarray, p: np.ndarra
             reads = tuple(
                 dict.fromkeys(n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and n.id not in names)
             )
-            steps.append(_Assignment(_origin(lines, statement.lineno), ast.unparse(statement), names, reads, fault))
+            steps.append(
+                _Assignment(
+                    origin=_origin(lines, statement.lineno),
+                    text=ast.unparse(statement),
+                    names=names,
+                    reads=reads,
+                    fault=fault,
+                )
+            )
     return _Run(steps, scope)
 
 

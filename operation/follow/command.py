@@ -59,7 +59,12 @@ def follow(args: Namespace, priors_of_others: FleetPriors) -> int:
         store = stack.enter_context(Store(out))
         source = _source(args, out, settings.machine, stack)
         follower = Follower(
-            StudyJudge(study, settings), store, settings, priors, study if settings.search else None, args.progress
+            judge=StudyJudge(study, settings),
+            store=store,
+            settings=settings,
+            priors=priors,
+            study=study if settings.search else None,
+            progress=args.progress,
         )
         _remember(out, settings.machine, study)
         asked = -math.inf
@@ -95,13 +100,13 @@ def _source(args: Namespace, out: Path, machine: str, stack: ExitStack) -> Folde
         inbox = out / "inbox"
         address = MqttAddress.parse(args.source)
         stack.enter_context(MqttInbox(address, inbox, client=f"vtsdt-{machine}"))
-        return FolderSource(inbox, patterns, settle=0.0)
+        return FolderSource(folder=inbox, patterns=patterns, settle=0.0)
     folder = Path(args.source)
     if not folder.is_dir():
         raise SourceError(f"--source {args.source}: there is no such folder: make it, or give mqtt://host/topic")
     if folder.resolve() == out.resolve() or out.resolve() in folder.resolve().parents:
         raise SourceError(f"--source {args.source}: lies in --out, where this command writes: name another folder")
-    return FolderSource(folder, patterns, settle=args.settle)
+    return FolderSource(folder=folder, patterns=patterns, settle=args.settle)
 
 
 def _line(taken: Taken) -> str:

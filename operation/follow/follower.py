@@ -34,7 +34,7 @@ class Judge(Protocol):
         """Judge a recording that was made at a time."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Taken:
     """What came of a file.
 
@@ -77,7 +77,7 @@ def record_time(path: Path, stamp: str) -> float:
     return path.stat().st_mtime
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Follower:
     """A machine that is followed.
 
@@ -128,7 +128,14 @@ class Follower:
         events = self._events(state, path) if new and not judged.judgement.refused else ()
         self.send()
         self.store.retain(series=self.settings.keep_series, records=self.settings.keep_records)
-        return Taken(path, state, new, judged.judgement.refused, events, time.process_time() - begun)
+        return Taken(
+            path=path,
+            state=state,
+            new=new,
+            refused=judged.judgement.refused,
+            events=events,
+            seconds=time.process_time() - begun,
+        )
 
     def _events(self, state: MachineState, path: Path) -> tuple[Event, ...]:
         events = []

@@ -26,7 +26,7 @@ class _Seen:
     offered: bool = False
 
 
-@dataclass
+@dataclass(kw_only=True)
 class FolderSource:
     """New files in a folder and the folders in it.
 

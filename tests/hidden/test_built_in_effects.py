@@ -38,11 +38,11 @@ class TwoSprings(Component):
 
 
 KIND = Kind(
-    "test_hardening",
-    "parameter",
-    "TwoSprings",
-    ("hard",),
-    KindText("hardening", "", "", ""),
+    name="test_hardening",
+    at="parameter",
+    law="TwoSprings",
+    strengths=("hard",),
+    text=KindText("hardening", "", "", ""),
     component=TwoSprings,
     sides=(("first", "_1"), ("second", "_2")),
     component_shapes=lambda part, ending: [{"middle": m} for m in (0.05, 0.1)] if ending == "_2" else [{}],
@@ -70,7 +70,10 @@ def record(name: str, hidden: dict[str, float], seed: int) -> Record:
     push = sum(60.0 * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.4, 1.1, 2.3, 3.1))
     run = oscillator().build().simulate(float(time[-1]), inputs={"push": (time, push)}, parameters=hidden, times=time)
     x = run["body.position"] + 2e-4 * rng.standard_normal(time.size)
-    signals = {"push": RecordedSignal(push, "N", "push", "N"), "body.position": RecordedSignal(x, "m", "x", "m")}
+    signals = {
+        "push": RecordedSignal(values=push, unit="N", column="push", measured_unit="N"),
+        "body.position": RecordedSignal(values=x, unit="m", column="x", measured_unit="m"),
+    }
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
@@ -114,7 +117,7 @@ def test_a_built_in_effect_is_found_where_it_is(side: str, hidden: dict[str, flo
 
 
 def test_strength_zero_is_absence_and_names_are_the_components() -> None:
-    effect = Effect("test_hardening", "springs.second", {"hard": 0.0}, {"middle": 0.05})
+    effect = Effect(kind="test_hardening", where="springs.second", strengths={"hard": 0.0}, shape={"middle": 0.05})
     assert effect.parameters() == {"springs.hard_2": 0.0, "springs.middle_2": 0.05}
     assert effect.unit("hard") == "N/m**3"
     time = np.linspace(0.0, 1.0, 50)

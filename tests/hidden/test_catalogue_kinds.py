@@ -273,10 +273,14 @@ def record(machine: Machine, hidden: Effect, name: str, seed: int) -> Record:
     sensor = hidden.sensor_error()
     errors: list[SensorError] = [sensor] if sensor is not None else []
     y = apply_sensors(tuple(machine.noise), time, y, np.zeros((*y.shape, 0)), errors, ())[0]
-    signals = {n: RecordedSignal(values, unit, n, unit) for n, (unit, values) in given.items()}
+    signals = {
+        n: RecordedSignal(values=values, unit=unit, column=n, measured_unit=unit) for n, (unit, values) in given.items()
+    }
     for c, (output, size) in enumerate(machine.noise.items()):
         unit = true.unit(output)
-        signals[output] = RecordedSignal(y[:, c] + size * rng.standard_normal(time.size), unit, output, unit)
+        signals[output] = RecordedSignal(
+            values=y[:, c] + size * rng.standard_normal(time.size), unit=unit, column=output, measured_unit=unit
+        )
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
@@ -301,7 +305,7 @@ def at_place(machine: Machine, kind: str, where: str, strengths: dict[str, float
     entries = catalogue(machine.model().build(probes=True), list(machine.noise), list(machine.drive))
     entry = next(e for e in entries if e.name == f"{kind}@{where}")
     if entry.place is None:
-        return Effect(kind, where, strengths, shape)
+        return Effect(kind=kind, where=where, strengths=strengths, shape=shape)
     return Effect.at_place(kind, entry.place, strengths=strengths, shape=shape, load=entry.load)
 
 

@@ -45,8 +45,8 @@ def study_of(offset: float) -> Study:
         run = driven(0.0115).build().simulate(time[-1], inputs=given, times=time, rtol=1e-10, method="DOP853")
         angle = run["rod.angle"] + 3e-4 * rng.standard_normal(time.size)
         signals = {
-            "drive.torque": RecordedSignal(torque, "N*m", "u", "N*m"),
-            "rod.angle": RecordedSignal(angle, "rad", "y", "rad"),
+            "drive.torque": RecordedSignal(values=torque, unit="N*m", column="u", measured_unit="N*m"),
+            "rod.angle": RecordedSignal(values=angle, unit="rad", column="y", measured_unit="rad"),
         }
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.torque",), ("rod.angle",))

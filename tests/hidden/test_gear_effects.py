@@ -38,10 +38,12 @@ def test_the_derivative_by_a_severity_is_that_of_the_simulation() -> None:
     time = np.arange(100) * 5e-4
     given = {"speed": (SPEED * np.pi / 30, "rad/s"), "torque": (TORQUE, "N*m")}
     signals = {
-        n: RecordedSignal(np.full(time.size, v), unit, column=n, measured_unit=unit) for n, (v, unit) in given.items()
+        n: RecordedSignal(values=np.full(time.size, v), unit=unit, column=n, measured_unit=unit)
+        for n, (v, unit) in given.items()
     }
     signals |= {
-        n: RecordedSignal(np.zeros(time.size), unit, column=n, measured_unit=unit) for n, unit in OUTPUTS.items()
+        n: RecordedSignal(values=np.zeros(time.size), unit=unit, column=n, measured_unit=unit)
+        for n, unit in OUTPUTS.items()
     }
     experiment = make_experiments(
         model, [Record(name="a", path=Path("a.csv"), time=time, signals=signals)], list(given), list(OUTPUTS)

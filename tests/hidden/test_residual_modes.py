@@ -39,7 +39,9 @@ def record_of(name, time, signals):
         name=name,
         path=Path(f"{name}.csv"),
         time=time,
-        signals={k: RecordedSignal(v, unit, k, unit) for k, (v, unit) in signals.items()},
+        signals={
+            k: RecordedSignal(values=v, unit=unit, column=k, measured_unit=unit) for k, (v, unit) in signals.items()
+        },
     )
 
 

@@ -51,12 +51,12 @@ def record(name: str, true: dict[str, float], seed: int) -> Record:
     given = {"reference": (time, reference), "torque": (time, torque)}
     run = drive().build().simulate(float(time[-1]), inputs=given, parameters=true, times=time, rtol=1e-8, atol=1e-10)
     signals = {
-        "reference": RecordedSignal(reference, "rad/s", "r", "rad/s"),
-        "torque": RecordedSignal(torque, "N*m", "t", "N*m"),
+        "reference": RecordedSignal(values=reference, unit="rad/s", column="r", measured_unit="rad/s"),
+        "torque": RecordedSignal(values=torque, unit="N*m", column="t", measured_unit="N*m"),
     }
     for output, unit in zip(OUTPUTS, ("rad/s", "A"), strict=True):
         values = run[output] + NOISE[output] * rng.standard_normal(time.size)
-        signals[output] = RecordedSignal(values, unit, output, unit)
+        signals[output] = RecordedSignal(values=values, unit=unit, column=output, measured_unit=unit)
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
@@ -115,10 +115,10 @@ def test_absence_is_the_stated_value_and_none_is_offered_without_one() -> None:
     system = drive().build(probes=True)
     entries = {e.name: e for e in catalogue(system, OUTPUTS, ["reference", "torque"])}
     assert entries["resistance@motor"].stated == (0.8,)
-    same = Effect("resistance", "motor", {"R": 0.8}).added_to(drive()).build()
+    same = Effect(kind="resistance", where="motor", strengths={"R": 0.8}).added_to(drive()).build()
     assert np.array_equal(same.p, drive().build().p)
-    assert Effect("resistance", "motor", {"R": 0.8}).unit("R") == "ohm"
-    [moved] = Effect("resistance", "motor", {"R": 0.8}).uncertain()
+    assert Effect(kind="resistance", where="motor", strengths={"R": 0.8}).unit("R") == "ohm"
+    [moved] = Effect(kind="resistance", where="motor", strengths={"R": 0.8}).uncertain()
     assert (moved.name, moved.min) == ("motor.R", 0.0)
     without = Model("open")
     control = without.add("control", PI(k_p=0.0, k_i=1.0))

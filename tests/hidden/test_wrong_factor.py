@@ -32,10 +32,10 @@ def record(name: str, factor: float, seed: int) -> Record:
     time = np.arange(600) * 5e-3
     force = sum(9.0 * np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.0)) for f in (0.7, 2.3, 3.4))
     run = mount().build().simulate(float(time[-1]), inputs={"force": (time, force)}, times=time)
-    signals = {"force": RecordedSignal(force, "N", "force", "N")}
+    signals = {"force": RecordedSignal(values=force, unit="N", column="force", measured_unit="N")}
     for output, unit, size, by in (("body.position", "m", 1e-4, 1.0), ("body.velocity", "m/s", 2e-3, factor)):
         read = by * (run[output] + size * rng.standard_normal(time.size))
-        signals[output] = RecordedSignal(read, unit, output, unit)
+        signals[output] = RecordedSignal(values=read, unit=unit, column=output, measured_unit=unit)
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 

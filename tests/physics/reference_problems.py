@@ -212,4 +212,6 @@ def make(name: str, p: tuple[float, ...], n: int, **options: Any) -> NativeProbl
     """Return a problem of the source above, compiled."""
     module = native.load_source(SOURCE, "stiff_problems")
     tangent = native.compile_tangent(module, f"{name}_tangent") if f"{name}_tangent" in SOURCE else None
-    return NativeProblem(native.compile_rhs(module, name), p, InputTable.constant([]), n, tangent, **options)
+    return NativeProblem(
+        rhs=native.compile_rhs(module, name), p=p, table=InputTable.constant([]), n=n, tangent=tangent, **options
+    )

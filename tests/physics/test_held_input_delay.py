@@ -37,8 +37,8 @@ def recording(delay: float) -> Record:
     rng = np.random.default_rng(8)
     flow = 3e-4 + 1e-4 * np.repeat(rng.choice([-1.0, 1.0], 40), 10) + 2e-5 * rng.standard_normal(400)
     signals = {
-        "flow": RecordedSignal(flow, "m**3/s", "flow", "m**3/s"),
-        "tank.level": RecordedSignal(np.zeros(400), "m", "level", "m"),
+        "flow": RecordedSignal(values=flow, unit="m**3/s", column="flow", measured_unit="m**3/s"),
+        "tank.level": RecordedSignal(values=np.zeros(400), unit="m", column="level", measured_unit="m"),
     }
     record = Record(name="pump", path=Path("pump.csv"), time=TIME, signals=signals)
     system = pumped(delay).build()
@@ -48,7 +48,7 @@ def recording(delay: float) -> Record:
         name="pump",
         path=Path("pump.csv"),
         time=TIME,
-        signals={**signals, "tank.level": RecordedSignal(noisy, "m", "level", "m")},
+        signals={**signals, "tank.level": RecordedSignal(values=noisy, unit="m", column="level", measured_unit="m")},
     )
 
 

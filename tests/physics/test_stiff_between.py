@@ -34,7 +34,9 @@ def problem():
     """A state that follows a triangle of slope one and height a half, with a time constant of 10 microseconds."""
     module = native.load_source(SOURCE, "stiff_between")
     tangent = native.compile_tangent(module, "follow_tangent")
-    return NativeProblem(native.compile_rhs(module, "follow"), (RATE,), InputTable.constant([]), 2, tangent)
+    return NativeProblem(
+        rhs=native.compile_rhs(module, "follow"), p=(RATE,), table=InputTable.constant([]), n=2, tangent=tangent
+    )
 
 
 def exact(t):
@@ -66,7 +68,13 @@ def exact_start():
 
 def test_stiffness_seen_at_the_very_end_is_no_fault(problem):
     """With directions the stiff method is tried on its own first; less may be left than an explicit step is long."""
-    directions = Directions(np.ones((1, 2)), np.zeros((1, 1)), np.array([-1]), np.array([0.0, 1.0]), np.zeros((2, 1)))
+    directions = Directions(
+        x0_dot=np.ones((1, 2)),
+        p_dot=np.zeros((1, 1)),
+        channel=np.array([-1]),
+        shape_t=np.array([0.0, 1.0]),
+        shape=np.zeros((2, 1)),
+    )
     carried = replace(problem, directions=directions)
     solver = Automatic(lambda t, y: y, 0.0, carried.initial(exact_start()), 1e-5, problem=carried, rtol=1e-4, atol=1e-7)
     solver._explicit_step = 3e-5

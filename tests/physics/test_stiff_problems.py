@@ -87,7 +87,7 @@ def test_a_late_tangent_is_asked_for_only_by_a_stiff_problem():
     def asked(mu):
         calls = []
         whole = make("van_der_pol", (1.0, mu), 2)
-        bare = NativeProblem(whole.rhs, whole.p, whole.table, 2)
+        bare = NativeProblem(rhs=whole.rhs, p=whole.p, table=whole.table, n=2)
 
         def later():
             calls.append(mu)

@@ -69,10 +69,10 @@ def record_of(name: str, seed: int, pauses: bool, hidden):
         atol=1e-10,
     )
     rng = np.random.default_rng(seed)
-    signals = {"reference.speed": RecordedSignal(reference, "m/s", "v_ref", "m/s")}
+    signals = {"reference.speed": RecordedSignal(values=reference, unit="m/s", column="v_ref", measured_unit="m/s")}
     for column, output, unit in (("drive_N", "drive.force", "N"), ("x_m", "carriage.position", "m")):
         values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(time.size)
-        signals[output] = RecordedSignal(values, unit, column, unit)
+        signals[output] = RecordedSignal(values=values, unit=unit, column=column, measured_unit=unit)
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals, log=("time from column t [s]",))
 
 

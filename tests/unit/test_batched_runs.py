@@ -151,7 +151,7 @@ def swing():
         times, {"a": np.cumsum(rng.normal(size=81)), "b": np.sign(np.sin(9.0 * times))}, {"b": "hold"}, {"a": 2}
     )
     rhs = native.compile_text(SWING, "swing", "rhs", 4)
-    return NativeProblem(rhs, [9.0, 0.2, 0.013, 0.4], table, 2)
+    return NativeProblem(rhs=rhs, p=[9.0, 0.2, 0.013, 0.4], table=table, n=2)
 
 
 @pytest.fixture
@@ -275,11 +275,11 @@ def test_stiff_runs_leave_their_lanes(at_once):
         "    out[0] = -p[0] * (x_dot[0] - u_dot[0]) - p_dot[0] * (x[0] - u[0])\n"
     )
     stiff = NativeProblem(
-        native.compile_text(text, "decay", "rhs", 4),
-        [5e4],
-        InputTable.constant([1.0]),
-        1,
-        native.compile_text(tangent, "decay", "rhs_tangent", 7),
+        rhs=native.compile_text(text, "decay", "rhs", 4),
+        p=[5e4],
+        table=InputTable.constant([1.0]),
+        n=1,
+        tangent=native.compile_text(tangent, "decay", "rhs_tangent", 7),
     )
     many = [(replace(stiff, p=[5e4 + k]), np.array([0.1 * k])) for k in range(80)]
     t = np.linspace(0.0, 1.0, 11)

@@ -162,7 +162,7 @@ def test_sensor_errors_go_through_the_measuring_chain(kind: str) -> None:
     from estimation.response.sensors import SensorError
 
     logger = Logger(jitter=0.0)
-    channel = Channel("y", "y_mm", "m", "mm")
+    channel = Channel(signal="y", column="y_mm", unit="m", measured_unit="mm")
     fine = logger.fine_grid(2.0, 1.0)
     stamps = logger.stamps(2.0)
     read = logger.read(channel, fine, 0.3 * fine, stamps, np.random.default_rng(0), [SensorError("y", kind, 0.01)])
@@ -258,7 +258,7 @@ def test_disturbance_has_the_stated_size_and_colour() -> None:
 
 def test_anti_alias_filter_stops_what_cannot_be_sampled_and_delays_nothing() -> None:
     logger = Logger(jitter=0.0)
-    channel = Channel("y", "y", "N", "N", analogue=True)
+    channel = Channel(signal="y", column="y", unit="N", measured_unit="N", analogue=True)
     fine, stamps = logger.fine_grid(2.0, 1.0), logger.stamps(2.0)
     rng = np.random.default_rng(0)
     slow = np.sin(2 * np.pi * 20.0 * fine)

@@ -240,7 +240,7 @@ def test_a_lift_rests_with_its_hysteresis_relaxed() -> None:
     lift = Lift.one_dimensional()
     place = next(p for p in lift.system.places if p.name == "pulley.axis")
     effect = Effect.at_place("hysteresis", place, strengths={"level": 0.3}, shape={"x_s": 0.3})
-    hidden = Hidden(effect)
+    hidden = Hidden(effect=effect)
     (state,) = hidden.memory
     system = hidden.added_to(lift.copy()).build()
     anywhere = lift.equilibrium(system=system)
@@ -248,4 +248,4 @@ def test_a_lift_rests_with_its_hysteresis_relaxed() -> None:
     assert abs(anywhere[state]) > 1.0
     assert relaxed[state] == 0.0
     assert relaxed["machine.i_q"] == pytest.approx(lift.equilibrium()["machine.i_q"], rel=1e-9)
-    assert Hidden(Effect.at_place("coulomb_friction", place)).memory == ()
+    assert Hidden(effect=Effect.at_place("coulomb_friction", place)).memory == ()

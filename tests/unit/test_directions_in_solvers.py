@@ -36,7 +36,9 @@ def problem(system, count: int, channel: int = -1):
     channels[-1] = channel
     shape = np.zeros((TIME.size, count))
     shape[:, -1] = np.sin(20.0 * TIME)
-    directions = Directions(1e-3 * rng.standard_normal((count, n)), p_dot, channels, TIME, shape)
+    directions = Directions(
+        x0_dot=1e-3 * rng.standard_normal((count, n)), p_dot=p_dot, channel=channels, shape_t=TIME, shape=shape
+    )
     given = {"omega_ref": (TIME, 3.0 * np.sin(9.0 * TIME) ** 2), "tau_L": 0.0, "friction_c": 5.0, "friction_cw": 4.0}
     table = input_table(system, given)
     return native_problem(system, system.p, table, directions)
@@ -79,7 +81,9 @@ def test_a_direction_that_begins_at_a_kink_is_carried_on(method, start):
     system = model.build(outputs=["body.position"])
     p_dot = np.zeros((1, len(system.p)))
     p_dot[0, system.index("parameter", "ramp.slope")] = 1.0
-    directions = Directions(np.zeros((1, 2)), p_dot, np.array([-1]), np.zeros(1), np.zeros((1, 1)))
+    directions = Directions(
+        x0_dot=np.zeros((1, 2)), p_dot=p_dot, channel=np.array([-1]), shape_t=np.zeros(1), shape=np.zeros((1, 1))
+    )
     p = system.parameter_vector({"ramp.start": start})
     given, samples = native_problem(system, p, input_table(system, {}), directions), Samples(TICKS)
     found = integrate(given, (0.0, 3.0), system.start, samples=samples, method=method, rtol=1e-6, atol=1e-9)

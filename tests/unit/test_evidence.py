@@ -14,8 +14,8 @@ from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.posterior import posterior
 from discrepancy.evidence.predictive import gain_of_errors
 
-GAIN = Effect("sensor_gain", "speed", {"gain": 0.1})
-OFFSET = Effect("sensor_offset", "speed", {"offset": 0.1})
+GAIN = Effect(kind="sensor_gain", where="speed", strengths={"gain": 0.1})
+OFFSET = Effect(kind="sensor_offset", where="speed", strengths={"offset": 0.1})
 
 
 def tried(total: float, *names: str, parent: tuple[str, ...] | None = None, matters: bool = True) -> TriedModel:

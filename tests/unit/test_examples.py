@@ -166,9 +166,9 @@ def test_a_held_input_keeps_its_value_until_the_next_sample():
     time = np.arange(5) * 1e-3
     steps = np.array([0.0, 0.0, 5.0, 5.0, 0.0])
     signals = {
-        "reference.position": RecordedSignal(steps, "m", "r", "m"),
-        "added.pulse": RecordedSignal(steps, "V", "p", "V"),
-        "motor.force": RecordedSignal(np.arange(5.0), "N", "F", "N"),
+        "reference.position": RecordedSignal(values=steps, unit="m", column="r", measured_unit="m"),
+        "added.pulse": RecordedSignal(values=steps, unit="V", column="p", measured_unit="V"),
+        "motor.force": RecordedSignal(values=np.arange(5.0), unit="N", column="F", measured_unit="N"),
     }
     model = load_model_of("emps/emps.py")
     (experiment,) = make_experiments(

@@ -8,9 +8,9 @@ from discrepancy.effects.effect import Effect
 from discrepancy.search.moves import Exchange, propose_exchange
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation
 
-MOTOR = Effect("sensor_gain", "motor.torque", {"gain": 0.1})
-GUIDE = Effect("sensor_gain", "carriage.position", {"gain": 0.1})
-LATE = Effect("sensor_delay", "carriage.position", {"delay": 1e-3})
+MOTOR = Effect(kind="sensor_gain", where="motor.torque", strengths={"gain": 0.1})
+GUIDE = Effect(kind="sensor_gain", where="carriage.position", strengths={"gain": 0.1})
+LATE = Effect(kind="sensor_delay", where="carriage.position", strengths={"delay": 1e-3})
 
 
 def exchange() -> Exchange:

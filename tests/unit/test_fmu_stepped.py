@@ -329,11 +329,11 @@ def test_differences_keep_to_the_bounds_of_parameters() -> None:
         return (np.sin(time) + p[0] * time + x0[0] + 5.0 * added)[:, None]
 
     directions = Directions(
-        np.array([[0.0], [1.0], [0.0]]),
-        np.array([[1.0], [0.0], [0.0]]),
-        np.array([-1, -1, 0]),
-        time,
-        np.column_stack([np.zeros((time.size, 2)), time]),
+        x0_dot=np.array([[0.0], [1.0], [0.0]]),
+        p_dot=np.array([[1.0], [0.0], [0.0]]),
+        channel=np.array([-1, -1, 0]),
+        shape_t=time,
+        shape=np.column_stack([np.zeros((time.size, 2)), time]),
     )
     p, x0 = np.zeros(1), np.array([2.0])
     bounds = np.array([[0.0, np.nan]])

@@ -61,9 +61,11 @@ def recorded(model: Model, signal: np.ndarray, unit: str):
     outputs = ("rotor.angle", "rotor.speed")
     run = model.build(outputs=outputs).simulate(TIME[-1], inputs={"drive.signal": (TIME, signal)}, times=TIME)
     rng = np.random.default_rng(3)
-    signals = {"drive.signal": RecordedSignal(signal, unit, "u", unit)}
+    signals = {"drive.signal": RecordedSignal(values=signal, unit=unit, column="u", measured_unit=unit)}
     for name, unit_of, noise in zip(outputs, ("rad", "rad/s"), (1e-3, 0.1), strict=True):
-        signals[name] = RecordedSignal(run[name] + noise * rng.standard_normal(TIME.size), unit_of, name, unit_of)
+        signals[name] = RecordedSignal(
+            values=run[name] + noise * rng.standard_normal(TIME.size), unit=unit_of, column=name, measured_unit=unit_of
+        )
     record = Record(name="run", path=Path("run.csv"), time=TIME, signals=signals)
     return make_experiments(model, [record], ("drive.signal",), outputs)
 

@@ -125,7 +125,7 @@ def test_a_copy_rounded_or_scaled_anew_is_a_warning(folder: Path, form: str) -> 
 
 
 def record(values: np.ndarray) -> Record:
-    signal = RecordedSignal(values, "m", "x", "m")
+    signal = RecordedSignal(values=values, unit="m", column="x", measured_unit="m")
     return Record(name="r", path=Path("r.csv"), time=0.01 * np.arange(len(values)), signals={"x": signal})
 
 

@@ -257,6 +257,50 @@ def test_what_is_public_has_a_docstring() -> None:
     assert [line for path in public for line in _undocumented(path)] == []
 
 
+#: What declares a component is a small language of its own: default, unit and meaning stand by position.
+DECLARATIONS = "multibody/declare/declarations.py"
+BY_POSITION = 4
+
+
+def _by_position(path: Path) -> Iterator[str]:
+    """Dataclasses of more than four fields that take more than two of them by position."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ClassDef):
+            continue
+        decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+        if not any(text.split("(")[0].split(".")[-1] == "dataclass" for text in decorators):
+            continue
+        fields = [f for f in node.body if isinstance(f, ast.AnnAssign) and "ClassVar" not in ast.unparse(f.annotation)]
+        taken = [(ast.unparse(f.annotation), ast.unparse(f.value) if f.value else "") for f in fields]
+        taken = [(kind, value) for kind, value in taken if "init=False" not in value]
+        kinds = [kind.split(".")[-1] for kind, _ in taken]
+        first = taken[: kinds.index("KW_ONLY")] if "KW_ONLY" in kinds else taken
+        positional = [value for _, value in first if "kw_only=True" not in value]
+        if len(taken) > BY_POSITION and len(positional) > 2 and "kw_only=True" not in " ".join(decorators):
+            yield f"{path.name}:{node.lineno}: {node.name} takes {len(positional)} fields by position"
+
+
+def test_values_of_more_than_four_fields_are_made_by_keyword() -> None:
+    """At most two leading fields, such as the samples of a signal and their rate, may stand by position."""
+    paths = [path for path in FILES.values() if path != ROOT / DECLARATIONS]
+    assert [line for path in paths for line in _by_position(path)] == []
+
+
+def test_the_check_of_keywords_sees_what_it_forbids(tmp_path: Path) -> None:
+    fields = "".join(f"    {name}: float\n" for name in "abcde")
+    path = tmp_path / "values.py"
+    path.write_text(
+        f"@dataclass(frozen=True)\nclass A:\n{fields}\n"
+        f"@dataclass(kw_only=True)\nclass B:\n{fields}\n"
+        f"@dataclasses.dataclass\nclass C:\n{fields}\n"
+        f"@dataclass\nclass D:\n    x: float\n    _: KW_ONLY\n{fields}\n"
+    )
+    assert list(_by_position(path)) == [
+        "values.py:2: A takes 5 fields by position",
+        "values.py:18: C takes 5 fields by position",
+    ]
+
+
 def _readme_command(name: str) -> str:
     script = ROOT / ".ci" / "readme_command"
     return subprocess.run(["bash", str(script), name], capture_output=True, text=True, check=True).stdout

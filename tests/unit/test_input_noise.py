@@ -46,7 +46,10 @@ def record(name: str, noise: float, seed: int, jitter: float = 0.0) -> Record:
         name=name,
         path=Path(f"{name}.csv"),
         time=stamps,
-        signals={"push": RecordedSignal(read, "N", "push", "N"), "body.position": RecordedSignal(x, "m", "x", "m")},
+        signals={
+            "push": RecordedSignal(values=read, unit="N", column="push", measured_unit="N"),
+            "body.position": RecordedSignal(values=x, unit="m", column="x", measured_unit="m"),
+        },
     )
 
 

@@ -23,8 +23,8 @@ def three_kinds(delays=None):
 
 def compiled(table, t, p=(0.0,)):
     """Inputs and rates by the lookup that the solvers use."""
-    nowhere = NativeFunction("none", lambda *a: None, 4, True, _made=(0, None))
-    field = NativeProblem(nowhere, np.array(p), table, 1).field()
+    nowhere = NativeFunction(name="none", python=lambda *a: None, arrays=4, compiled=True, _made=(0, None))
+    field = NativeProblem(rhs=nowhere, p=np.array(p), table=table, n=1).field()
     out, rate = np.empty((len(t), table.n_inputs)), np.empty((len(t), table.n_inputs))
     inputs_along(t, out, rate, field.numbers)
     return out, rate
@@ -90,7 +90,7 @@ def test_largest_step_looks_only_where_something_happens():
 
 def test_values_cannot_be_changed_from_outside_and_survive_pickling():
     given = np.ones((2, 1))
-    table = InputTable([0.0, 1.0], given)
+    table = InputTable(times=[0.0, 1.0], values=given)
     given[:] = 7.0
     assert table.values[0, 0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
@@ -103,14 +103,17 @@ def test_values_cannot_be_changed_from_outside_and_survive_pickling():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: InputTable([0.0, 1.0, 1.0], np.ones((3, 1))), "do not increase: 1 s follows 1 s at row 2"),
-        (lambda: InputTable([0.0, np.nan], np.ones((2, 1))), "time 1 is not finite"),
-        (lambda: InputTable([], np.ones((0, 1))), "non-empty"),
-        (lambda: InputTable([0.0], np.ones((2, 1))), "1 times, but values has the shape"),
-        (lambda: InputTable([0.0], np.ones((1, 2)), ("a",)), "2 inputs but 1 names"),
-        (lambda: InputTable([0.0], np.ones((1, 2)), ("a", "a")), "appear twice: a"),
         (
-            lambda: InputTable([0.0], np.ones((1, 1)), ("a",), "spline"),
+            lambda: InputTable(times=[0.0, 1.0, 1.0], values=np.ones((3, 1))),
+            "do not increase: 1 s follows 1 s at row 2",
+        ),
+        (lambda: InputTable(times=[0.0, np.nan], values=np.ones((2, 1))), "time 1 is not finite"),
+        (lambda: InputTable(times=[], values=np.ones((0, 1))), "non-empty"),
+        (lambda: InputTable(times=[0.0], values=np.ones((2, 1))), "1 times, but values has the shape"),
+        (lambda: InputTable(times=[0.0], values=np.ones((1, 2)), names=("a",)), "2 inputs but 1 names"),
+        (lambda: InputTable(times=[0.0], values=np.ones((1, 2)), names=("a", "a")), "appear twice: a"),
+        (
+            lambda: InputTable(times=[0.0], values=np.ones((1, 1)), names=("a",), interpolation="spline"),
             "'a': interpolation 'spline' is unknown",
         ),
         (
@@ -128,7 +131,12 @@ def test_faults_are_named(make, words):
 
 def test_all_faults_at_once():
     with pytest.raises(InputError) as caught:
-        InputTable([0.0, 0.0], [[np.nan, 1.0], [1.0, np.inf]], ("force", "speed"), ("hold", "bezier"))
+        InputTable(
+            times=[0.0, 0.0],
+            values=[[np.nan, 1.0], [1.0, np.inf]],
+            names=("force", "speed"),
+            interpolation=("hold", "bezier"),
+        )
     for words in ("'force' is not finite in 1 rows, first row 0", "'speed' is not finite", "bezier", "row 1"):
         assert words in str(caught.value)
 

@@ -80,7 +80,7 @@ def test_the_likelihood_of_a_case_rises_by_its_nats() -> None:
     """½ r₀ᵀS⁻¹r₀ − ½ r₁ᵀS⁻¹r₁ has the mean of the nats, and a standard deviation of √(2 nats)."""
     gains = []
     for seed in range(4):
-        drawn = draw(Case("flywheel", "windage", 100.0, seed), SHORT)
+        drawn = draw(Case(machine="flywheel", what="windage", nats=100.0, seed=seed), SHORT)
         values = {k: v[LATE] if np.ndim(v) else v for k, v in drawn.values.items()}
         drives = {k: v[:, LATE] for k, v in drawn.drives.items()}
         weight = information(SHORT, {**values, "drag": 0.0}, drives, drawn.disturbance, np.random.default_rng(0))
@@ -95,7 +95,7 @@ def test_the_likelihood_of_a_case_rises_by_its_nats() -> None:
 
 
 def test_nothing_that_matters_is_hidden_in_a_null() -> None:
-    drawn = draw(Case("flywheel", "nothing", 0.0, 1), SHORT)
+    drawn = draw(Case(machine="flywheel", what="nothing", nats=0.0, seed=1), SHORT)
     assert drawn.category == "none"
     assert not drawn.hidden
     assert len(drawn.small) == 1
@@ -104,7 +104,7 @@ def test_nothing_that_matters_is_hidden_in_a_null() -> None:
 
 
 def test_masking_pairs_oppose_each_other() -> None:
-    drawn = draw(Case("flywheel", "masking", 100.0, 1), SHORT)
+    drawn = draw(Case(machine="flywheel", what="masking", nats=100.0, seed=1), SHORT)
     assert len(drawn.hidden) == 2
     assert -1.0 < drawn.correlation < -0.3
 
@@ -112,11 +112,11 @@ def test_masking_pairs_oppose_each_other() -> None:
 def test_what_cannot_be_graded_is_refused() -> None:
     deaf = replace(SHORT, channels=(replace(SHORT.channels[0], noise=1e6),))
     with pytest.raises(CaseError, match="does not reach 1000 nats"):
-        draw(Case("flywheel", "heating", 1000.0, 0), deaf)
+        draw(Case(machine="flywheel", what="heating", nats=1000.0, seed=0), deaf)
 
 
 def test_final_seeds_are_other_streams() -> None:
-    case = Case("flywheel", "nothing", 0.0, 1)
+    case = Case(machine="flywheel", what="nothing", nats=0.0, seed=1)
     final = replace(case, final=True)
     assert case.generator(0).random() != final.generator(0).random()
     assert case.generator(0).random() == case.generator(0).random()
@@ -126,7 +126,9 @@ def test_final_seeds_are_other_streams() -> None:
 
 def test_a_case_is_written_as_a_study(tmp_path: Path) -> None:
     machine = replace(machine_named("heated_tank"), rows=60)
-    study = read_study(write(draw(Case("heated_tank", "water_drift", 100.0, 0), machine), tmp_path))
+    study = read_study(
+        write(draw(Case(machine="heated_tank", what="water_drift", nats=100.0, seed=0), machine), tmp_path)
+    )
     records = study.read_records({"heater.power": "W", "tank.heater": "K", "tank.water": "K"})
     assert len(records.identify) == machine.identify
     assert len(records.validate) == machine.validate

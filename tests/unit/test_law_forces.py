@@ -13,7 +13,7 @@ MOTION = {
     "velocity": 0.3 * np.cos(3.0 * TIME),
     "acceleration": -0.9 * np.sin(3.0 * TIME),
 }
-RANGE = MotionRange(-0.1, 0.1, 0.3, turns=False, scale=1e3)
+RANGE = MotionRange(low=-0.1, high=0.1, speed=0.3, turns=False, scale=1e3)
 
 
 def test_viscous_friction_and_inertia_are_the_closed_form():

@@ -15,7 +15,9 @@ MASS, FRICTION = np.sin(9.0 * T), np.sign(np.cos(5.0 * T))
 
 def likeness(std=(np.inf, np.inf), own=None):
     columns = np.stack([MASS, FRICTION], axis=1)[:, None, :]
-    return parameter_likeness(Sensitivities(["mass", "friction"], [columns], prior_std=std, nuisance=[own]))
+    return parameter_likeness(
+        Sensitivities(names=["mass", "friction"], blocks=[columns], prior_std=std, nuisance=[own])
+    )
 
 
 def test_a_candidate_that_does_what_a_parameter_does_is_its() -> None:
@@ -29,7 +31,9 @@ def test_a_candidate_of_its_own_belongs_to_no_parameter() -> None:
 
 
 def test_without_parameters_a_candidate_is_its_own() -> None:
-    none = parameter_likeness(Sensitivities([], [np.zeros((N, 1, 0))], prior_std=(), nuisance=[np.ones((N, 1, 1))]))
+    none = parameter_likeness(
+        Sensitivities(names=[], blocks=[np.zeros((N, 1, 0))], prior_std=(), nuisance=[np.ones((N, 1, 1))])
+    )
     assert none.owner([MASS[:, None]]) == ""
 
 

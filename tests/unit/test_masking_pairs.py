@@ -36,7 +36,7 @@ def scanned(seed=0, sizes=(0.0, 0.0), away=0.2, one_sided=(False, False), noise=
     ]
     found = scan(
         Residual(e, DT, ("y",)),
-        Sensitivities([], [np.zeros((N, 1, 0))] * BLOCKS),
+        Sensitivities(names=[], blocks=[np.zeros((N, 1, 0))] * BLOCKS),
         candidates,
         whiten=False,
         noise_floor=[noise],

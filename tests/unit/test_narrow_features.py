@@ -84,7 +84,7 @@ def test_a_batch_goes_past_what_its_own_parameters_say(system, exact, method):
 
 
 def test_a_fit_sees_it_and_its_derivatives(system, exact):
-    signals = {"body.velocity": RecordedSignal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
+    signals = {"body.velocity": RecordedSignal(values=exact(50.0)[:, 1], unit="m/s", column="v", measured_unit="m/s")}
     experiment = Experiment(
         record=Record(name="trip", path=Path("trip.csv"), time=TIMES, signals=signals),
         inputs=(),
@@ -99,7 +99,7 @@ def test_a_fit_sees_it_and_its_derivatives(system, exact):
 
 
 def test_transitions_from_sample_to_sample_go_past_it(system, exact):
-    signals = {"body.velocity": RecordedSignal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
+    signals = {"body.velocity": RecordedSignal(values=exact(50.0)[:, 1], unit="m/s", column="v", measured_unit="m/s")}
     experiment = Experiment(
         record=Record(name="trip", path=Path("trip.csv"), time=TIMES, signals=signals),
         inputs=(),

@@ -106,7 +106,7 @@ def test_a_model_that_runs_away_is_told_so(model) -> None:
 
 def experiment() -> Experiment:
     time = 0.1 * np.arange(50)
-    signals = {"odd.shown": RecordedSignal(np.sin(time), "N", "shown", "N")}
+    signals = {"odd.shown": RecordedSignal(values=np.sin(time), unit="N", column="shown", measured_unit="N")}
     record = Record(name="trip", path=Path("trip.csv"), time=time, signals=signals)
     return Experiment(record=record, inputs=(), outputs=("odd.shown",))
 

@@ -76,7 +76,7 @@ def removed(seed):
         Candidate(kind="curve", where=f"place {k}", sensitivities=([points() for _ in range(records)],))
         for k in range(12)
     ]
-    known = Sensitivities(["a"], [np.ones((n, 1, 1))] * records)
+    known = Sensitivities(names=["a"], blocks=[np.ones((n, 1, 1))] * records)
     return scanning.scan(Residual(noise, 0.025, ["y"]), known, curves, draws=200, seed=1, whiten=False).removed_effects
 
 

@@ -57,7 +57,7 @@ class Clock:
 
 def test_a_file_is_offered_when_it_has_stopped_growing(tmp_path: Path) -> None:
     clock = Clock()
-    source = FolderSource(tmp_path, ("*.csv",), settle=2.0, clock=clock)
+    source = FolderSource(folder=tmp_path, patterns=("*.csv",), settle=2.0, clock=clock)
     growing, whole = tmp_path / "b.csv", tmp_path / "a.csv"
     (tmp_path / ".hidden.csv").write_text("x")
     (tmp_path / "c.csv.part").write_text("x")
@@ -98,7 +98,7 @@ def test_records_twice_out_of_order_and_broken_ones(study: Path, tmp_path: Path)
     order = [3, 0, 4, 1, 2]
     with Store(tmp_path / "a") as store, Store(tmp_path / "b") as other:
         for target, numbers in ((store, range(5)), (other, order)):
-            follower = Follower(StudyJudge(study, settings), target, settings)
+            follower = Follower(judge=StudyJudge(study, settings), store=target, settings=settings)
             for k in numbers:
                 copy = tmp_path / f"{target.folder.name}-2026-03-{k + 1:02d}.csv.gz"
                 shutil.copy(files[k], copy)

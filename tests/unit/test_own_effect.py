@@ -150,7 +150,7 @@ class CreepOfATest(Law):
 
 
 def creep(name: str, law: str, title: str = "a creep") -> Kind:
-    return Kind(name, "connection", law, ("stiffness",), KindText(title, "", "", ""))
+    return Kind(name=name, at="connection", law=law, strengths=("stiffness",), text=KindText(title, "", "", ""))
 
 
 def test_a_file_that_is_loaded_again_registers_again(own_catalogue):

@@ -38,8 +38,8 @@ def study_of(true_mass: float, std: float) -> Study:
         )
         position = run["carriage.position"] + 2e-4 * rng.standard_normal(time.size)
         signals = {
-            "drive.force": RecordedSignal(force, "N", "f", "N"),
-            "carriage.position": RecordedSignal(position, "m", "x", "m"),
+            "drive.force": RecordedSignal(values=force, unit="N", column="f", measured_unit="N"),
+            "carriage.position": RecordedSignal(values=position, unit="m", column="x", measured_unit="m"),
         }
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.force",), ("carriage.position",))

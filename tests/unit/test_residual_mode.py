@@ -37,7 +37,10 @@ DT = 0.005
 
 
 def record_of(name, time, **columns):
-    signals = {k.replace("__", "."): RecordedSignal(v, unit, k, unit) for k, (v, unit) in columns.items()}
+    signals = {
+        k.replace("__", "."): RecordedSignal(values=v, unit=unit, column=k, measured_unit=unit)
+        for k, (v, unit) in columns.items()
+    }
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 

@@ -24,7 +24,7 @@ def test_projection_equals_augmented_least_squares():
     _, e, F, _ = small()
     std, off = np.array([0.1, np.inf, 0.3]), np.array([0.05, 0.0, -0.2])
     nuis = [np.ones((120, 2, 1)), None]
-    sens = Sensitivities(["a", "b", "c"], F, prior_std=std, prior_offset=off, nuisance=nuis)
+    sens = Sensitivities(names=["a", "b", "c"], blocks=F, prior_std=std, prior_offset=off, nuisance=nuis)
     w = identity([1.0, 1.0], ["x", "y"], 0.01)
     lay = Layout((120, 90), 2, 2)
     proj = project(w, sens, lay)
@@ -40,7 +40,7 @@ def test_projection_equals_augmented_least_squares():
 
 def test_score_equals_the_drop_of_a_full_fit():
     _, e, F, Z = small(1)
-    sens = Sensitivities(["a", "b", "c"], F)
+    sens = Sensitivities(names=["a", "b", "c"], blocks=F)
     w = identity([1.0, 1.0], ["x", "y"], 0.01)
     lay = Layout((120, 90), 2)
     proj = project(w, sens, lay)
@@ -58,7 +58,7 @@ def test_score_equals_the_drop_of_a_full_fit():
 
 def test_lambda_is_one_for_white_noise_on_average():
     rng, _, F, Z = small(2, n=(400, 300))
-    sens = Sensitivities(["a", "b", "c"], F)
+    sens = Sensitivities(names=["a", "b", "c"], blocks=F)
     w = identity([1.0, 1.0], ["x", "y"], 0.01)
     lay = Layout((400, 300), 2)
     proj = project(w, sens, lay)
@@ -79,7 +79,7 @@ def test_lambda_follows_the_noise_where_the_candidate_acts():
     slow, fast = np.sin(2 * np.pi * 0.3 * t), np.sin(2 * np.pi * 20 * t)
     w = identity([1.0], ["x"], 0.01)
     lay = Layout((n,), 1)
-    proj = project(w, Sensitivities([], [np.zeros((n, 1, 0))]), lay)
+    proj = project(w, Sensitivities(names=[], blocks=[np.zeros((n, 1, 0))]), lay)
     cols = prepare_columns([(0, 0, False, slow[:, None]), (1, 0, False, fast[:, None])], proj)
     scorer = make_scorer(cols, proj, 0.01)
     from scipy.signal import lfilter
@@ -98,7 +98,7 @@ def test_two_amplitudes_and_signs():
     z = rng.standard_normal((n, 1, 2))
     w = identity([1.0], ["x"], 0.01)
     lay = Layout((n,), 1)
-    proj = project(w, Sensitivities([], [np.zeros((n, 1, 0))]), lay)
+    proj = project(w, Sensitivities(names=[], blocks=[np.zeros((n, 1, 0))]), lay)
     Z = lay.stack(w, [z])
     cols = prepare_columns([(0, 0, True, Z)], proj)
     scorer = make_scorer(cols, proj, 0.01)
@@ -135,7 +135,7 @@ def test_refusals_say_why():
     shapes = [b.shape for b in case.residual.blocks]
     dead = Candidate(kind="dead", where="x", sensitivities=(tuple(np.zeros((*s, 1)) for s in shapes),))
     twin = Candidate(kind="twin", where="x", sensitivities=(tuple(b[:, :, :1] for b in case.sensitivities.blocks),))
-    sens = Sensitivities(case.sensitivities.names, case.sensitivities.blocks)
+    sens = Sensitivities(names=case.sensitivities.names, blocks=case.sensitivities.blocks)
     r = scan(case.residual, sens, [dead, twin], draws=50)
     assert "not excited" in r.refused["dead@x"]
     assert "imitate" in r.refused["twin@x"]
@@ -187,14 +187,14 @@ def test_faults_are_collected():
     with pytest.raises(ValueError, match=r"at least 16.*|dt must be positive"):
         Residual([np.zeros((5, 1))], 0.1, ["a"])
     with pytest.raises(ValueError, match="prior_std"):
-        Sensitivities(["a"], [np.zeros((20, 1, 1))], prior_std=[0.0])
+        Sensitivities(names=["a"], blocks=[np.zeros((20, 1, 1))], prior_std=[0.0])
     res = Residual([ok], 0.1, ["a"])
     bad = Candidate(kind="k", where="w", sensitivities=((np.zeros((19, 1, 1)),),))
     with pytest.raises(ValueError, match=r"k@w.*do not match"):
-        scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [bad])
+        scan(res, Sensitivities(names=[], blocks=[np.zeros((20, 1, 0))]), [bad])
     good = Candidate(kind="k", where="w", sensitivities=((np.zeros((20, 1, 1)),),))
     with pytest.raises(ValueError, match="given 2 times"):
-        scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [good, good])
+        scan(res, Sensitivities(names=[], blocks=[np.zeros((20, 1, 0))]), [good, good])
 
 
 def test_a_point_that_only_one_block_reaches_does_not_count_against_a_curve():

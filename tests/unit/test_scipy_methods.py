@@ -29,7 +29,7 @@ DIRECTIONS = pytest.mark.parametrize("span", [(0.0, 10.0), (10.0, 0.0)])
 def problem(table, p=(SLOW,)):
     module = native.load_source(SOURCE, "scipy_method_tests")
     rates, tangent = native.compile_rhs(module, "lag"), native.compile_tangent(module, "lag_tangent")
-    return NativeProblem(rates, np.array(p), table, 1, tangent)
+    return NativeProblem(rhs=rates, p=np.array(p), table=table, n=1, tangent=tangent)
 
 
 def step_table(at=4.3, kind="hold"):

@@ -54,8 +54,8 @@ def record(name: str, rows: int, seed: int, coulomb: float = 0.0) -> Record:
     time, force, run = motion(rows, seed, coulomb)
     position = run["carriage.position"] + 1e-4 * np.random.default_rng(seed + 100).standard_normal(rows)
     signals = {
-        "drive.force": RecordedSignal(force, "N", "force", "N"),
-        "carriage.position": RecordedSignal(position, "m", "x", "m"),
+        "drive.force": RecordedSignal(values=force, unit="N", column="force", measured_unit="N"),
+        "carriage.position": RecordedSignal(values=position, unit="m", column="x", measured_unit="m"),
     }
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 

@@ -36,5 +36,5 @@ def test_the_centre_of_a_spring_that_hardens_is_fitted():
     moved = {q.name.rpartition(".")[2]: q for q in effect.uncertain({"centre": 0.03})}
     assert (moved["centre"].value, moved["centre"].min, moved["centre"].max) == (0.002, 0.002 - 0.03, 0.002 + 0.03)
     shapes = kind_named("cubic_stiffness").shapes
-    assert shapes(MotionRange(-0.01, 0.05, 1.0, scale=1.8e4)) == [{"centre": 0.0}, {"centre": 0.02}]
-    assert shapes(MotionRange(-0.01, 0.05, 1.0)) == [{"centre": 0.02}]
+    assert shapes(MotionRange(low=-0.01, high=0.05, speed=1.0, scale=1.8e4)) == [{"centre": 0.0}, {"centre": 0.02}]
+    assert shapes(MotionRange(low=-0.01, high=0.05, speed=1.0)) == [{"centre": 0.02}]

@@ -63,7 +63,11 @@ B = np.array([[0.0, 0.0], [3.0, 0.0], [0.5, -2.0]])
 def problem(name, p, table, n):
     module = native.load_source(SOURCE, "solver_tools")
     return NativeProblem(
-        native.compile_rhs(module, name), p, table, n, native.compile_tangent(module, f"{name}_tangent")
+        rhs=native.compile_rhs(module, name),
+        p=p,
+        table=table,
+        n=n,
+        tangent=native.compile_tangent(module, f"{name}_tangent"),
     )
 
 
@@ -96,7 +100,7 @@ def test_choice_follows_stiffness():
 
 def test_choice_without_tangent_or_motion():
     prob = linear()
-    bare = NativeProblem(prob.rhs, prob.p, prob.table, 3)
+    bare = NativeProblem(rhs=prob.rhs, p=prob.p, table=prob.table, n=3)
     assert "no tangent" in choose_method(bare, (0.0, 1.0), np.zeros(3)).reason
     still = linear(np.zeros((3, 3)))
     assert choose_method(still, (0.0, 1.0), np.zeros(3)).method is DormandPrince54
@@ -222,7 +226,7 @@ def test_arrays_of_any_layout_compile_nothing_anew():
     plain = integrate(prob, (0.0, 0.5), np.ones(3), t, method=DormandPrince54)
     told = []
     stop = native.on_compile(lambda name, seconds: told.append(name))
-    spread = NativeProblem(prob.rhs, np.repeat(prob.p, 2)[::2], prob.table, 3, prob.tangent)
+    spread = NativeProblem(rhs=prob.rhs, p=np.repeat(prob.p, 2)[::2], table=prob.table, n=3, tangent=prob.tangent)
     start = np.stack([np.ones(3), np.zeros(3)], axis=1)[:, 0]
     assert not start.flags.c_contiguous
     other = integrate(spread, (0.0, 0.5), start, np.repeat(t, 2)[::2], method=DormandPrince54, atol=wide[:, 1] * 1e-6)

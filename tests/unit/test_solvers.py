@@ -89,12 +89,12 @@ def pendulum_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):
 def problem(name, p=(4.0, 0.0), table=None, directions=None, **options):
     module = native.load_source(SOURCE, "solver_tests")
     return NativeProblem(
-        native.compile_rhs(module, name),
-        np.array(p),
-        InputTable.constant([0.0]) if table is None else table,
-        2,
-        native.compile_tangent(module, f"{name}_tangent"),
-        directions,
+        rhs=native.compile_rhs(module, name),
+        p=np.array(p),
+        table=InputTable.constant([0.0]) if table is None else table,
+        n=2,
+        tangent=native.compile_tangent(module, f"{name}_tangent"),
+        directions=directions,
         **options,
     )
 
@@ -374,7 +374,7 @@ def test_directions_are_the_derivatives_of_the_solution(method, control):
 def test_controlling_directions_costs_steps_and_follows_their_scale():
     def evaluations(**options):
         scale = options.pop("scale", 1.0)
-        d = Directions([[0.0, 0.0]], [[1.0, 0.0]], scale=[scale])
+        d = Directions(x0_dot=[[0.0, 0.0]], p_dot=[[1.0, 0.0]], scale=[scale])
         prob = problem("oscillator", (400.0, 0.0), directions=d)
         return integrate(prob, (0.0, 3.0), [1e-3, 0.0], [3.0], rtol=1e-12, atol=1e-6, **options).nfev
 
@@ -385,7 +385,7 @@ def test_controlling_directions_costs_steps_and_follows_their_scale():
 def test_directions_are_right_where_the_state_is_at_rest(method):
     """An oscillator at rest: its own error is zero whatever the step, the derivative swings with cos(20 t)."""
     t = np.linspace(0.0, 3.0, 31)
-    prob = problem("oscillator", (400.0, 0.0), directions=Directions([[1.0, 0.0]], [[0.0, 0.0]]))
+    prob = problem("oscillator", (400.0, 0.0), directions=Directions(x0_dot=[[1.0, 0.0]], p_dot=[[0.0, 0.0]]))
 
     def error(**options):
         return np.max(np.abs(integrate(prob, (0.0, 3.0), [0.0, 0.0], t, method, **options).y[2] - np.cos(20.0 * t)))
@@ -437,19 +437,19 @@ def test_faults_of_use_are_named():
     with pytest.warns(UserWarning, match="ignores: jac"):
         solve(DormandPrince54, prob, (0.0, 0.1), [1.0, 0.0], jac=None)
     with pytest.raises(ProblemError, match="a delay parameter has the index 7, but there are 2 parameters"):
-        problem("oscillator", table=InputTable([0.0], [[0.0]], delay_parameter=[7]))
+        problem("oscillator", table=InputTable(times=[0.0], values=[[0.0]], delay_parameter=[7]))
     with pytest.raises(ProblemError) as caught:
-        problem("oscillator", directions=Directions([[0.0]], [[1.0, 0.0, 0.0]]), state_names=("a",))
+        problem("oscillator", directions=Directions(x0_dot=[[0.0]], p_dot=[[1.0, 0.0, 0.0]]), state_names=("a",))
     assert "directions are for 1 states and 3 parameters" in str(caught.value)
     assert "2 states but 1 state names" in str(caught.value)
-    no_tangent = NativeProblem(prob.rhs, prob.p, prob.table, 2)
+    no_tangent = NativeProblem(rhs=prob.rhs, p=prob.p, table=prob.table, n=2)
     with pytest.raises(ProblemError, match="needs the tangent"):
         integrate(no_tangent, (0.0, 1.0), [1.0, 0.0], method=Rodas5P)
 
 
 def test_a_fault_in_plain_python_reaches_the_caller():
     module = native.load_source("def rhs(t, x, u, p, dx):\n    dx[0] = nonsense\n", "faulty")
-    prob = NativeProblem(native.compile_rhs(module, compile=False), [0.0], InputTable.constant([]), 1)
+    prob = NativeProblem(rhs=native.compile_rhs(module, compile=False), p=[0.0], table=InputTable.constant([]), n=1)
     with pytest.raises(NameError, match="nonsense"):
         integrate(prob, (0.0, 1.0), [1.0], first_step=0.1)
 
@@ -457,7 +457,7 @@ def test_a_fault_in_plain_python_reaches_the_caller():
 def test_a_problem_can_be_sent_to_another_process():
     import pickle
 
-    prob = problem("oscillator", directions=Directions([[1.0, 0.0]], [[0.0, 0.0]]))
+    prob = problem("oscillator", directions=Directions(x0_dot=[[1.0, 0.0]], p_dot=[[0.0, 0.0]]))
     sent = pickle.loads(pickle.dumps(prob))
     results = [integrate(p, (0.0, 1.0), [1.0, 0.0], [0.5, 1.0]).y for p in (prob, sent)]
     np.testing.assert_array_equal(*results)

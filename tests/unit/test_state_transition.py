@@ -170,7 +170,9 @@ def integrated(system, p, table, start, channels):
     whole = []
     for t0, t1, x in zip(TICKS[:-1], TICKS[1:], states.states, strict=False):
         channel = np.concatenate([np.full(n, -1), channels, channels])
-        given = Directions(first, np.zeros((n + 2 * m, p.size)), channel, np.array([t0, t1]), shape)
+        given = Directions(
+            x0_dot=first, p_dot=np.zeros((n + 2 * m, p.size)), channel=channel, shape_t=np.array([t0, t1]), shape=shape
+        )
         problem = native_problem(system, p, table, given)
         y = integrate(problem, (t0, t1), x, [t1], rtol=1e-10, atol=1e-13, max_step=(t1 - t0) / 40).y[:, -1]
         whole.append(problem.split(y)[1])
@@ -183,8 +185,11 @@ def test_a_machine_with_friction_agrees_with_its_integrated_derivatives():
     given = {"omega_ref": 3.0 * np.sin(25.0 * TICKS), "tau_L": np.zeros(76), "friction_c": 5.0, "friction_cw": 4.0}
     names = list(system.input_names)
     values = {name: given.get(name, 0.0) for name in names}
-    signals = {name: RecordedSignal(np.broadcast_to(v, 76).astype(float), "", name, "") for name, v in values.items()}
-    signals["F_c"] = RecordedSignal(np.zeros(76), "N", "F_c", "N")
+    signals = {
+        name: RecordedSignal(values=np.broadcast_to(v, 76).astype(float), unit="", column=name, measured_unit="")
+        for name, v in values.items()
+    }
+    signals["F_c"] = RecordedSignal(values=np.zeros(76), unit="N", column="F_c", measured_unit="N")
     experiment = Experiment(
         record=Record(name="trip", path=Path("trip.csv"), time=TICKS, signals=signals),
         inputs=tuple(names),

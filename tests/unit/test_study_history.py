@@ -48,8 +48,8 @@ def problem_of(dry: float = 6.0, offset: float = 0.0) -> Problem:
         run = truth.build().simulate((0.0, time[-1]), inputs={"drive.force": (time, force)}, times=time, rtol=1e-8)
         position = run["carriage.position"] + offset + 2e-4 * rng.standard_normal(time.size)
         signals = {
-            "drive.force": RecordedSignal(force, "N", "f", "N"),
-            "carriage.position": RecordedSignal(position, "m", "x", "m"),
+            "drive.force": RecordedSignal(values=force, unit="N", column="f", measured_unit="N"),
+            "carriage.position": RecordedSignal(values=position, unit="m", column="x", measured_unit="m"),
         }
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(
@@ -178,7 +178,7 @@ def test_every_stage_is_a_model_that_runs_on_its_own(whole):
 def test_an_error_of_a_sensor_is_in_the_saved_model(tmp_path):
     study = Study(replace(problem_of(offset=0.01), include=("sensor_offset@*",)))
     _ = study.stage
-    study.add(Effect("sensor_offset", "carriage.position", {"offset": 0.0}))
+    study.add(Effect(kind="sensor_offset", where="carriage.position", strengths={"offset": 0.0}))
     found = study.stage.effects[-1].strengths["offset"]
     assert found == pytest.approx(0.01, rel=0.1)
     path = study.stage.machine.save(tmp_path / "model.json")

@@ -39,7 +39,7 @@ def test_absent_is_only_what_would_have_been_seen_whatever_its_shape():
     rng = np.random.default_rng(5)
     n = 400
     residual = Residual([rng.standard_normal((n, 1)) for _ in range(8)], 0.01, ("y",))
-    nothing = Sensitivities((), [np.zeros((n, 1, 0))] * 8)
+    nothing = Sensitivities(names=(), blocks=[np.zeros((n, 1, 0))] * 8)
     long = np.sin(2.0 * np.pi * np.arange(n) / 40.0).reshape(n, 1, 1)
     short = np.zeros((n, 1, 1))
     short[200] = 1.0

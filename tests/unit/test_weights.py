@@ -58,9 +58,9 @@ def problem() -> FitProblem:
     place = run["mass.position"] + drifting(rng, 0.5, 2e-4)
     speed = run["mass.velocity"] + drifting(rng, 0.02, 2e-3)
     signals = {
-        "drive.force": RecordedSignal(force, "N", "f", "N"),
-        "mass.position": RecordedSignal(place, "m", "x", "m"),
-        "mass.velocity": RecordedSignal(speed, "m/s", "v", "m/s"),
+        "drive.force": RecordedSignal(values=force, unit="N", column="f", measured_unit="N"),
+        "mass.position": RecordedSignal(values=place, unit="m", column="x", measured_unit="m"),
+        "mass.velocity": RecordedSignal(values=speed, unit="m/s", column="v", measured_unit="m/s"),
     }
     record = Record(name="run", path=Path("run.csv"), time=TIME, signals=signals)
     experiment = Experiment(

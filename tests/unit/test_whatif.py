@@ -315,7 +315,7 @@ def test_masses_from_tensions_at_rest() -> None:
             name="r",
             path=Path("r"),
             time=t,
-            signals={n: RecordedSignal(v, "", n, "") for n, v in values.items()},
+            signals={n: RecordedSignal(values=v, unit="", column=n, measured_unit="") for n, v in values.items()},
             log=(),
         )
 

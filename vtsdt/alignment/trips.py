@@ -101,7 +101,10 @@ class Trip:
             faults.append(f"{name}: the time must be one row that rises")
         if faults:
             raise AlignmentError(faults)
-        signals = {n: RecordedSignal(v, ROLES[n][0], n, ROLES[n][0]) for n, v in values.items()}
+        signals = {
+            n: RecordedSignal(values=v, unit=ROLES[n][0], column=n, measured_unit=ROLES[n][0])
+            for n, v in values.items()
+        }
         trip = prepare(Record(name=name, path=Path(name), time=t, signals=signals))
         return replace(trip, payload=payload)
 

@@ -42,21 +42,84 @@ ACCELEROMETER_OFFSET = 0.03
 #: Streams of random numbers.
 _PARAMETERS, _RAILS, _SENSORS = 1, 2, 3
 _CHANNELS = {
-    "omega_ref": Channel("omega_ref", "pulley_speed_ref_rad_per_s", "rad/s", "rad/s", resolution=1e-6, exact=True),
-    "tau_L": Channel("tau_L", "gear_loss_torque_Nm", "N*m", "N*m", noise=2e-3, resolution=1e-3, analogue=True),
-    "friction_c": Channel("friction_c", "guide_force_c_N", "N", "N", noise=0.02, resolution=5e-3, analogue=True),
-    "friction_cw": Channel("friction_cw", "guide_force_cw_N", "N", "N", noise=0.02, resolution=5e-3, analogue=True),
-    "payload": Channel("payload", "payload_kg", "kg", "kg", resolution=1e-3, exact=True),
-    "omega": Channel("omega", "pulley_speed_rad_per_s", "rad/s", "rad/s", noise=2e-3, resolution=1e-3),
-    "pulley.angle": Channel("pulley.angle", "pulley_angle_rad", "rad", "rad", noise=5e-5, resolution=1e-4),
-    "i_q": Channel("i_q", "current_q_A", "A", "A", noise=5e-3, resolution=1e-3, analogue=True),
-    "F_c": Channel("F_c", "tension_c_N", "N", "N", noise=0.3, resolution=0.05, analogue=True),
-    "F_cw": Channel("F_cw", "tension_cw_N", "N", "N", noise=0.3, resolution=0.05, analogue=True),
-    "a_c": Channel(
-        "a_c", "cabin_acceleration_m_per_s2", "m/s**2", "m/s**2", noise=0.01, resolution=1e-3, analogue=True
+    "omega_ref": Channel(
+        signal="omega_ref",
+        column="pulley_speed_ref_rad_per_s",
+        unit="rad/s",
+        measured_unit="rad/s",
+        resolution=1e-6,
+        exact=True,
     ),
-    "cabin.z": Channel("cabin.z", "cabin_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
-    "counterweight.z": Channel("counterweight.z", "counterweight_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
+    "tau_L": Channel(
+        signal="tau_L",
+        column="gear_loss_torque_Nm",
+        unit="N*m",
+        measured_unit="N*m",
+        noise=2e-3,
+        resolution=1e-3,
+        analogue=True,
+    ),
+    "friction_c": Channel(
+        signal="friction_c",
+        column="guide_force_c_N",
+        unit="N",
+        measured_unit="N",
+        noise=0.02,
+        resolution=5e-3,
+        analogue=True,
+    ),
+    "friction_cw": Channel(
+        signal="friction_cw",
+        column="guide_force_cw_N",
+        unit="N",
+        measured_unit="N",
+        noise=0.02,
+        resolution=5e-3,
+        analogue=True,
+    ),
+    "payload": Channel(
+        signal="payload", column="payload_kg", unit="kg", measured_unit="kg", resolution=1e-3, exact=True
+    ),
+    "omega": Channel(
+        signal="omega",
+        column="pulley_speed_rad_per_s",
+        unit="rad/s",
+        measured_unit="rad/s",
+        noise=2e-3,
+        resolution=1e-3,
+    ),
+    "pulley.angle": Channel(
+        signal="pulley.angle", column="pulley_angle_rad", unit="rad", measured_unit="rad", noise=5e-5, resolution=1e-4
+    ),
+    "i_q": Channel(
+        signal="i_q", column="current_q_A", unit="A", measured_unit="A", noise=5e-3, resolution=1e-3, analogue=True
+    ),
+    "F_c": Channel(
+        signal="F_c", column="tension_c_N", unit="N", measured_unit="N", noise=0.3, resolution=0.05, analogue=True
+    ),
+    "F_cw": Channel(
+        signal="F_cw", column="tension_cw_N", unit="N", measured_unit="N", noise=0.3, resolution=0.05, analogue=True
+    ),
+    "a_c": Channel(
+        signal="a_c",
+        column="cabin_acceleration_m_per_s2",
+        unit="m/s**2",
+        measured_unit="m/s**2",
+        noise=0.01,
+        resolution=1e-3,
+        analogue=True,
+    ),
+    "cabin.z": Channel(
+        signal="cabin.z", column="cabin_height_mm", unit="m", measured_unit="mm", noise=2e-5, resolution=0.01
+    ),
+    "counterweight.z": Channel(
+        signal="counterweight.z",
+        column="counterweight_height_mm",
+        unit="m",
+        measured_unit="mm",
+        noise=2e-5,
+        resolution=0.01,
+    ),
 }
 _MEASURED = ("omega", "pulley.angle", "i_q", "F_c", "F_cw", "a_c", "cabin.z", "counterweight.z")
 _INPUTS = {

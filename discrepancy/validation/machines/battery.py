@@ -93,11 +93,11 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("R_0", 0.022, 1.5e-3, "cell.R_0"),
-        Parameter("R_1", 0.015, 2e-3, "cell.R_1"),
-        Parameter("C_1", 2500.0, 250.0, "cell.C_1"),
-        Parameter("C_T", 75.0, 4.0, "cell.C_T"),
-        Parameter("H", 0.12, 0.02, "cell.H"),
+        Parameter(name="R_0", stated=0.022, std=1.5e-3, path="cell.R_0"),
+        Parameter(name="R_1", stated=0.015, std=2e-3, path="cell.R_1"),
+        Parameter(name="C_1", stated=2500.0, std=250.0, path="cell.C_1"),
+        Parameter(name="C_T", stated=75.0, std=4.0, path="cell.C_T"),
+        Parameter(name="H", stated=0.12, std=0.02, path="cell.H"),
     ),
     starts=(
         Start("charge_0", 0.02, "cell.charge"),

@@ -42,7 +42,7 @@ class CaseError(ValueError):
     """A case cannot be made, and why."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Case:
     """What a case is made from.
 

@@ -69,10 +69,10 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("R", 0.12, 0.015, "wire.R"),
-        Parameter("L", 1e-4, 8e-6, "coil.L"),
-        Parameter("C", 2.2e-4, 1.5e-5, "filter.C"),
-        Parameter("R_load", 2.0, 0.04, "load.R"),
+        Parameter(name="R", stated=0.12, std=0.015, path="wire.R"),
+        Parameter(name="L", stated=1e-4, std=8e-6, path="coil.L"),
+        Parameter(name="C", stated=2.2e-4, std=1.5e-5, path="filter.C"),
+        Parameter(name="R_load", stated=2.0, std=0.04, path="load.R"),
     ),
     starts=(Start("current_0", 0.1, "coil.current"), Start("voltage_0", 0.1, "filter.voltage")),
     channels=(

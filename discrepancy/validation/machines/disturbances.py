@@ -21,7 +21,7 @@ SHARE = 0.99  # of the variance that the modes in the likelihood hold: the rest 
 MOST = 80  # modes of a record: what the broad spectrum needs for its first 90 %
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Disturbance:
     """Where a disturbance acts and how it looks.
 
@@ -101,7 +101,7 @@ def modes(disturbance: Disturbance, t: Array, *, every: bool = False) -> Array:
     Examples
     --------
     >>> t = np.linspace(0.0, 1.0, 50)
-    >>> process = Disturbance("cart", "slow", rms=2.0, time=0.2)
+    >>> process = Disturbance(place="cart", spectrum="slow", rms=2.0, time=0.2)
     >>> bool(np.allclose((modes(process, t, every=True) ** 2).sum(axis=0), 4.0))
     True
     """

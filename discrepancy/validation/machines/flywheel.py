@@ -78,9 +78,9 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("J", 0.85, 0.02, "wheel.J"),
-        Parameter("b", 0.004, 0.001, "bearing.viscous"),
-        Parameter("T_c", 0.35, 0.07, "dry.coulomb"),
+        Parameter(name="J", stated=0.85, std=0.02, path="wheel.J"),
+        Parameter(name="b", stated=0.004, std=0.001, path="bearing.viscous"),
+        Parameter(name="T_c", stated=0.35, std=0.07, path="dry.coulomb"),
     ),
     starts=(Start("speed_0", 0.3, "wheel.speed"),),
     channels=(Channel(name="speed", column="speed_rpm", scale=30.0 / np.pi, output="wheel.speed", noise=0.05),),

@@ -84,12 +84,12 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("m_1", 120.0, 2.0, "lower.m"),
-        Parameter("m_2", 90.0, 1.5, "upper.m"),
-        Parameter("k_1", 42000.0, 1500.0, "columns.stiffness"),
-        Parameter("k_2", 30000.0, 1200.0, "posts.stiffness"),
-        Parameter("c_1", 60.0, 20.0, "columns.damping"),
-        Parameter("c_2", 40.0, 15.0, "posts.damping"),
+        Parameter(name="m_1", stated=120.0, std=2.0, path="lower.m"),
+        Parameter(name="m_2", stated=90.0, std=1.5, path="upper.m"),
+        Parameter(name="k_1", stated=42000.0, std=1500.0, path="columns.stiffness"),
+        Parameter(name="k_2", stated=30000.0, std=1200.0, path="posts.stiffness"),
+        Parameter(name="c_1", stated=60.0, std=20.0, path="columns.damping"),
+        Parameter(name="c_2", stated=40.0, std=15.0, path="posts.damping"),
     ),
     starts=(
         Start("lower_0", 5e-4, "lower.position"),

@@ -77,10 +77,10 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("C_h", 2500.0, 150.0, "tank.C_h"),
-        Parameter("C_w", 60000.0, 1500.0, "tank.C_w"),
-        Parameter("G", 45.0, 3.0, "tank.G"),
-        Parameter("H", 12.0, 1.0, "tank.H"),
+        Parameter(name="C_h", stated=2500.0, std=150.0, path="tank.C_h"),
+        Parameter(name="C_w", stated=60000.0, std=1500.0, path="tank.C_w"),
+        Parameter(name="G", stated=45.0, std=3.0, path="tank.G"),
+        Parameter(name="H", stated=12.0, std=1.0, path="tank.H"),
     ),
     starts=(Start("heater_0", 1.0, "tank.heater"), Start("water_0", 1.0, "tank.water")),
     channels=(

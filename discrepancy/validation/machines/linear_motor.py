@@ -119,9 +119,9 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("m", 11.0, 0.3, "slide.m"),
-        Parameter("b", 35.0, 9.0, "rail.viscous"),
-        Parameter("F_c", 9.0, 2.0, "dry.coulomb"),
+        Parameter(name="m", stated=11.0, std=0.3, path="slide.m"),
+        Parameter(name="b", stated=35.0, std=9.0, path="rail.viscous"),
+        Parameter(name="F_c", stated=9.0, std=2.0, path="dry.coulomb"),
     ),
     starts=(Start("place_0", 1e-4, "slide.position"), Start("speed_0", 2e-3, "slide.velocity")),
     channels=(

@@ -17,7 +17,7 @@ Signals = dict[str, Array]
 Values = SimpleNamespace
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Parameter:
     """A parameter that the owner of the machine knows within a deviation.
 

@@ -29,7 +29,7 @@ BINS = 10  # of equal width, as usual for the expected calibration error (Guo et
 TEMPERATURES = (0.05, 100.0)  # between which one is looked for: from nearly certain to nearly uniform
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Bin:
     """Statements of about one probability: its mean, how often they are true, the 95 % interval, their number."""
 
@@ -75,7 +75,8 @@ def reliability(shown: ArrayLike, true: ArrayLike) -> list[Bin]:
     for k in np.unique(place):
         of = place == k
         count, hits = int(of.sum()), int(t[of].sum())
-        bins.append(Bin(float(p[of].mean()), hits / count, *jeffreys(hits, count), count))
+        low, high = jeffreys(hits, count)
+        bins.append(Bin(shown=float(p[of].mean()), frequency=hits / count, low=low, high=high, count=count))
     return bins
 
 

@@ -107,9 +107,9 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("J", 6e-9, 2e-10, "mirror.J"),
-        Parameter("b", 1e-6, 3e-7, "air.viscous"),
-        Parameter("k", 4e-3, 3e-4, "bar.stiffness"),
+        Parameter(name="J", stated=6e-9, std=2e-10, path="mirror.J"),
+        Parameter(name="b", stated=1e-6, std=3e-7, path="air.viscous"),
+        Parameter(name="k", stated=4e-3, std=3e-4, path="bar.stiffness"),
     ),
     starts=(Start("angle_0", 5e-4, "mirror.angle"), Start("speed_0", 0.1, "mirror.speed")),
     channels=(

@@ -89,12 +89,12 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("R", 3.2, 0.1, "coil.R"),
-        Parameter("L", 4e-3, 4e-4, "coil.L"),
-        Parameter("K", 18.0, 0.4, "coil.K"),
-        Parameter("m", 1.4, 0.03, "table.m"),
-        Parameter("c", 6.0, 2.0, "springs.damping"),
-        Parameter("k", 5200.0, 150.0, "springs.stiffness"),
+        Parameter(name="R", stated=3.2, std=0.1, path="coil.R"),
+        Parameter(name="L", stated=4e-3, std=4e-4, path="coil.L"),
+        Parameter(name="K", stated=18.0, std=0.4, path="coil.K"),
+        Parameter(name="m", stated=1.4, std=0.03, path="table.m"),
+        Parameter(name="c", stated=6.0, std=2.0, path="springs.damping"),
+        Parameter(name="k", stated=5200.0, std=150.0, path="springs.stiffness"),
     ),
     starts=(
         Start("current_0", 0.1, "coil.current"),

@@ -72,9 +72,16 @@ def cases(
     for name in machines:
         for each in what:
             if each == "nothing":
-                plan += [Case(name, each, 0.0, seed, final) for seed in range(trials * len(nats))]
+                plan += [
+                    Case(machine=name, what=each, nats=0.0, seed=seed, final=final)
+                    for seed in range(trials * len(nats))
+                ]
             else:
-                plan += [Case(name, each, float(n), seed, final) for seed in range(trials) for n in nats]
+                plan += [
+                    Case(machine=name, what=each, nats=float(n), seed=seed, final=final)
+                    for seed in range(trials)
+                    for n in nats
+                ]
     return plan
 
 

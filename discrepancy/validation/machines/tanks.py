@@ -79,7 +79,10 @@ MACHINE = Machine(
     name="tanks",
     about=ABOUT,
     model=MODEL,
-    parameters=(Parameter("a_1", 6e-5, 1.5e-6, "tanks.a_1"), Parameter("a_2", 6.5e-5, 1.5e-6, "tanks.a_2")),
+    parameters=(
+        Parameter(name="a_1", stated=6e-5, std=1.5e-6, path="tanks.a_1"),
+        Parameter(name="a_2", stated=6.5e-5, std=1.5e-6, path="tanks.a_2"),
+    ),
     starts=(Start("upper_0", 0.01, "tanks.upper"), Start("lower_0", 0.01, "tanks.lower")),
     channels=(
         Channel(name="upper", column="upper_cm", scale=100.0, output="tanks.upper", noise=1e-3, quantum=5e-4),

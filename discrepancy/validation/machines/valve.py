@@ -91,9 +91,9 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("k", 60000.0, 1200.0, "spring.stiffness"),
-        Parameter("b", 900.0, 250.0, "oil.viscous"),
-        Parameter("F_c", 120.0, 25.0, "packing.coulomb"),
+        Parameter(name="k", stated=60000.0, std=1200.0, path="spring.stiffness"),
+        Parameter(name="b", stated=900.0, std=250.0, path="oil.viscous"),
+        Parameter(name="F_c", stated=120.0, std=25.0, path="packing.coulomb"),
     ),
     starts=(Start("place_0", 5e-4, "stem.position"),),
     channels=(Channel(name="stem", column="stem_mm", scale=1e3, output="stem.position", noise=5e-5, quantum=1e-5),),

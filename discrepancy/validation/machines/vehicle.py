@@ -80,9 +80,9 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("m", 2100.0, 40.0, "van.m"),
-        Parameter("F_r", 240.0, 40.0, "tyres.coulomb"),
-        Parameter("c", 14.0, 4.0, "losses.viscous"),
+        Parameter(name="m", stated=2100.0, std=40.0, path="van.m"),
+        Parameter(name="F_r", stated=240.0, std=40.0, path="tyres.coulomb"),
+        Parameter(name="c", stated=14.0, std=4.0, path="losses.viscous"),
     ),
     starts=(Start("speed_0", 0.3, "van.velocity"),),
     channels=(

@@ -101,12 +101,12 @@ MACHINE = Machine(
     about=ABOUT,
     model=MODEL,
     parameters=(
-        Parameter("J_a", 0.5, 0.02, "unwinder.J"),
-        Parameter("J_b", 0.35, 0.015, "winder.J"),
-        Parameter("k", 90.0, 5.0, "web.stiffness"),
-        Parameter("d", 1.2, 0.4, "web.damping"),
-        Parameter("c_a", 0.15, 0.03, "unwinder_bearing.viscous"),
-        Parameter("c_b", 0.12, 0.03, "winder_bearing.viscous"),
+        Parameter(name="J_a", stated=0.5, std=0.02, path="unwinder.J"),
+        Parameter(name="J_b", stated=0.35, std=0.015, path="winder.J"),
+        Parameter(name="k", stated=90.0, std=5.0, path="web.stiffness"),
+        Parameter(name="d", stated=1.2, std=0.4, path="web.damping"),
+        Parameter(name="c_a", stated=0.15, std=0.03, path="unwinder_bearing.viscous"),
+        Parameter(name="c_b", stated=0.12, std=0.03, path="winder_bearing.viscous"),
     ),
     starts=(
         Start("stretch_0", 0.01, "winder.angle"),

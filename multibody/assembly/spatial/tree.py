@@ -145,9 +145,19 @@ def _body_rates(name: str, body: RigidBody, w: Writer) -> dict[str, Moving]:
     own: dict[str, Moving] = {}
     for axis, coordinate, angle, speed, rate in zip(LENGTHS, ANGLES, angles, speeds, rates, strict=True):
         (_, start), (_, speed_start) = body.coordinate_states(coordinate)
-        work.states.append(Quantity(f"{name}.{coordinate}", "rad", f"angle {coordinate}", angle, value=start))
         work.states.append(
-            Quantity(f"{name}.w_{axis}", "rad/s", "angular velocity, body axis", speed, value=speed_start)
+            Quantity(
+                name=f"{name}.{coordinate}", unit="rad", meaning=f"angle {coordinate}", variable=angle, value=start
+            )
+        )
+        work.states.append(
+            Quantity(
+                name=f"{name}.w_{axis}",
+                unit="rad/s",
+                meaning="angular velocity, body axis",
+                variable=speed,
+                value=speed_start,
+            )
         )
         work.derivatives[angle] = w.set(f"{coordinate}_rate", rate)
         acceleration = f"{w.base}__alpha_{axis}"
