@@ -362,9 +362,7 @@ class Store:
             Event(
                 kind=one, subject=subject, at=at, raised=raised, detail=json.loads(detail), notified=done, machine=name
             )
-            for one, subject, at, raised, detail, done, name in self._db.execute(
-                query, {"machine": machine, "kind": kind}
-            )
+            for one, subject, at, raised, detail, done, name in self._db.execute(query, wanted)
         )
 
     def series(self, machine: str, key: str) -> pandas.DataFrame | None:
