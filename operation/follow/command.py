@@ -76,7 +76,8 @@ def follow(args: Namespace, priors_of_others: FleetPriors) -> int:
                 follower.settings = settings.with_drift_of(priors) if given else settings
                 follower.priors = {**priors, **given}
                 text = f"the other machines give the priors of {', '.join(given)}" if given else NO_FLEET
-                args.progress(text)
+                if not args.quiet:
+                    print(printable(text), flush=True)
             for path in paths:
                 try:
                     taken = follower.take(path)

@@ -288,7 +288,7 @@ def test_what_the_other_machines_say_is_the_prior_of_a_new_one(study: Path, tmp_
     def followed() -> tuple[float, float, str]:
         words = f"follow {asked} --source {inbox} --out {out} --once --settle 0 --poll 0.01 --machine new --debug"
         assert main(words.split()) == 0
-        told = capsys.readouterr().err
+        told = capsys.readouterr().out
         assert main(["history", str(out), "--json"]) == 0
         found = json.loads(capsys.readouterr().out)["new"]["quantities"]["guide.viscous"]
         return found["value"], found["std"], told
