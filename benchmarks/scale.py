@@ -138,9 +138,9 @@ PAGE = """# Growth with the size of a study
 
 Measured on {date} at {commit} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes
 this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
-own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory, the exit code, and the slope of the
-processor time on logarithmic scales from the row above (1: proportional). The machine was
-shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
+own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory, the
+exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). The machine
+was shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
 
 {tables}
 
