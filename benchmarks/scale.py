@@ -46,12 +46,15 @@ class Cost:
         Largest resident memory.
     code : int
         Exit code, that of a signal below zero.
+    candidates : int
+        Effects that the study could name.
     """
 
     processor: float
     wall: float
     peak: float
     code: int
+    candidates: int
 
 
 def measured(case: Case, options: Sequence[str] = ()) -> Cost:
@@ -61,8 +64,11 @@ def measured(case: Case, options: Sequence[str] = ()) -> Cost:
         words = ["diagnose", str(study), "--out", str(Path(temporary) / "out"), "--quiet", "--max-effects", "1"]
         words += options
         path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        program, environment = [sys.executable, "-m", "vtsdt"], {**os.environ, "PYTHONPATH": path}
+        names = [*program, "catalogue", str(study), "--names"]
+        listed = subprocess.run(names, env=environment, capture_output=True, text=True, check=True)
         begun = time.monotonic()
-        run = subprocess.Popen([sys.executable, "-m", "vtsdt", *words], env={**os.environ, "PYTHONPATH": path})
+        run = subprocess.Popen([*program, *words], env=environment)
         _, status, used = os.wait4(run.pid, 0)
         run.returncode = os.waitstatus_to_exitcode(status)
         return Cost(
@@ -70,6 +76,7 @@ def measured(case: Case, options: Sequence[str] = ()) -> Cost:
             wall=time.monotonic() - begun,
             peak=1024.0 * used.ru_maxrss,
             code=run.returncode,
+            candidates=len(listed.stdout.splitlines()),
         )
 
 
@@ -111,8 +118,8 @@ def main() -> int:
 def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
     """Return the table of a sweep; the slope is that of the processor time, from the size before."""
     lines = [
-        f"| {sweep} | processor, s | wall, s | peak memory, GB | slope | end |",
-        "| ---: | ---: | ---: | ---: | ---: | --- |",
+        f"| {sweep} | candidates | processor, s | wall, s | peak memory, GB | slope | end |",
+        "| ---: | ---: | ---: | ---: | ---: | ---: | --- |",
     ]
     before: tuple[int, Cost] | None = None
     for size, cost in sorted(((size, c) for (of, size), c in kept.items() if of == sweep), key=lambda pair: pair[0]):
@@ -120,7 +127,8 @@ def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
         if before is not None:
             slope = f"{math.log(cost.processor / before[1].processor) / math.log(size / before[0]):.2f}"
         lines.append(
-            f"| {size} | {cost.processor:.3g} | {cost.wall:.4g} | {cost.peak / 1e9:.2f} | {slope} | {cost.code} |"
+            f"| {size} | {cost.candidates} | {cost.processor:.3g} | {cost.wall:.4g} | {cost.peak / 1e9:.2f} | {slope} "
+            f"| {cost.code} |"
         )
         before = size, cost
     return "\n".join(lines)
@@ -130,9 +138,9 @@ PAGE = """# Growth with the size of a study
 
 Measured on {date} at {commit} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes
 this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
-own: processor time (all threads), time on the clock, the largest resident memory, the exit code, and the slope of the
-processor time on logarithmic scales from the row above (1: proportional). The machine was
-shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
+own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory, the
+exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). The machine
+was shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
 
 {tables}
 
