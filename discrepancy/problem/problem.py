@@ -58,7 +58,7 @@ class Problem:
         ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.residual.input_noise`).
     search : {"auto", "significance", "evidence"}
         How models are compared: by steps (`discrepancy.search`) or by evidence (`discrepancy.evidence`); ``"auto"``: as
-        `discrepancy.study.choice` says.
+        `Study.searches_by_evidence` says.
     most_rows : int
         Of a record with more rows, sections are used (`discrepancy.residual.sections`).
     """

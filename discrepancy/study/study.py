@@ -23,7 +23,6 @@ from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect
-from discrepancy.study.choice import is_by_evidence
 from discrepancy.study.left_out import Stretch, stretch_of, stretches_in, without_stretches
 from discrepancy.study.priors import Prior, with_priors
 from discrepancy.study.snapshot import Snapshot, ends
@@ -38,6 +37,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["Study"]
+
+#: States up to which "auto" searches by evidence: the machines that it was developed on have up to so many, and the
+#: time of its filter grows with the cube of them.
+MOST_STATES_BY_EVIDENCE = 10
 
 
 @dataclass(repr=False)
@@ -376,12 +379,28 @@ class Study(SearchState):
         with self._progress_shown():
             return self._diagnosed()
 
+    def searches_by_evidence(self) -> bool:
+        """Tell whether `diagnose` searches by evidence: where the study says so, or, on "auto", where it was tried.
+
+        That is where whole records of a small machine are simulated.  A machine with a part that steps itself is
+        searched by steps.
+        """
+        if self.problem.model.stepped_part:  # evidence asks for states and rates
+            return False
+        if self.problem.search != "auto":
+            return self.problem.search == "evidence"
+        self.prepare()
+        # The filter of the evidence takes all outputs at one instant.
+        own_clocks = any(e.at_own_instants for e in self.problem.identify)
+        few_states = len(self.stage.system.states) <= MOST_STATES_BY_EVIDENCE
+        return self.mode == "simulation" and not own_clocks and few_states
+
     def restart_search(self) -> None:
         """Go back to before the latest search, if it is by evidence: what it had tried is not in a history.
 
         A search by steps goes on from its latest stage.
         """
-        if self.past and self.steps and self.steps[-1]["action"] == "search" and is_by_evidence(self):
+        if self.past and self.steps and self.steps[-1]["action"] == "search" and self.searches_by_evidence():
             self.past[-1].put_back(self)
 
     def _diagnosed(self) -> Conclusion:
@@ -393,7 +412,7 @@ class Study(SearchState):
         self._log(step)
         by_evidence: EvidenceSearch | None = None
         try:
-            if is_by_evidence(self):
+            if self.searches_by_evidence():
                 by_evidence = EvidenceSearch(self)
                 by_evidence.run()
                 self.if_simulated("whether parameters alone explain as much", Search(self).test_prior_conflict)

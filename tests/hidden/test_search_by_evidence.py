@@ -14,7 +14,6 @@ from discrepancy.report.content import content
 from discrepancy.report.decisions_json import save_decisions
 from discrepancy.report.diagnosis_json import to_diagnosis
 from discrepancy.rigs.axis import axis_case
-from discrepancy.study.choice import is_by_evidence
 from discrepancy.study.study import Study
 
 FEW = ("coulomb_friction@*", "viscous_friction@*", "stribeck_friction@guide", "sensor_offset@*", "constant_force@guide")
@@ -116,9 +115,9 @@ def test_the_search_by_significance_has_none_of_it():
 def test_whole_records_of_a_small_machine_are_searched_by_evidence_unless_said_otherwise():
     problem = axis_case(41, [], trips=3).problem(seed=41)
     assert problem.search == "auto"
-    assert is_by_evidence(Study(problem))
-    assert not is_by_evidence(Study(replace(problem, search="significance")))
-    assert not is_by_evidence(Study(replace(problem, residual="inverse")))
+    assert Study(problem).searches_by_evidence()
+    assert not Study(replace(problem, search="significance")).searches_by_evidence()
+    assert not Study(replace(problem, residual="inverse")).searches_by_evidence()
 
 
 def test_a_search_that_is_interrupted_at_once_concludes_without_an_answer(monkeypatch):
