@@ -366,3 +366,29 @@ def test_the_paths_that_contributing_gives_exist() -> None:
     paths = re.findall(r"`([\w./-]+/[\w.-]+\.(?:py|md))`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
     assert len(paths) > 10
     assert [path for path in paths if not (ROOT / path).is_file()] == []
+
+
+def test_the_paths_to_a_decision_are_short_and_follow_the_imports() -> None:
+    """Each file of a path is imported by one before it, so that a reader who follows them meets no others."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    paths = re.findall(r"\| [^|]* \| decides \|\n\| --- \| --- \|\n((?:\|.*\n)+)", text)
+    assert len(paths) == 2
+    graph = _graph(FILES)
+    for path in paths:
+        files = re.findall(r"^\| `([\w/]+)\.py`", path, re.MULTILINE)
+        modules = [file.replace("/", ".") for file in files]
+        assert modules[0] == "discrepancy.study.study"
+        assert len(modules) == path.count("\n") <= 6
+        reached = graph[modules[0]]
+        for module in modules[1:]:
+            assert module in reached, f"no file before {module} imports it"
+            reached = reached | graph[module]
+
+
+def test_the_values_between_a_column_and_the_sentence_are_few_and_exist() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    passage = text[text.index("From the column of a file") : text.index("The report, the figures")]
+    values = re.findall(r"`(\w+)`", passage)
+    code = "\n".join(path.read_text(encoding="utf-8") for path in FILES.values())
+    assert passage.count("→") + 1 == len(values) <= 8
+    assert [value for value in values if not re.search(rf"^class {value}\b", code, re.MULTILINE)] == []

@@ -122,6 +122,8 @@ def test_a_limit_that_is_no_number_is_refused(monkeypatch, capsys):
         memory_limit()
     assert main(["compare", "none.toml", "--out", "out", "--memory", "much"]) == 2
     assert "--memory: 'much' is no amount of memory" in capsys.readouterr().err
+    assert main(["compare", "none.toml", "--out", "out", "--memory", "0.001"]) == 2
+    assert "--memory: 0.001 GB must be at least 0.01: give gigabytes" in capsys.readouterr().err
     monkeypatch.setenv("VTSDT_MEMORY", "3")
     assert memory_limit() == 3e9
 

@@ -530,6 +530,13 @@ class BeforeValue(Component):
         self.flange.force = -total
 
 
+class TakesTime(Component):
+    flange = Translation("shaft")
+
+    def equations(self, t):
+        self.flange.force = -t
+
+
 class ReadsNothing(Component):
     """Reads its own flow, which nobody assigns."""
 
@@ -562,7 +569,8 @@ class ReadsReaction(Component):
             ),
         ),
         (HalfLocal, ("'side' is assigned in one branch only", "every branch")),
-        (BeforeValue, ("'total' is used before it has a value",)),
+        (BeforeValue, ("'total' is used before it has a value", "give it one in a line above")),
+        (TakesTime, ("part (TakesTime, test_model_faults.py:", "'equations' must take self and nothing else")),
         (ReadsNothing, ("nothing determines 'part.flange.force'", "part (ReadsNothing")),
         (ReadsReaction, ("nothing determines", "reaction")),
     ],

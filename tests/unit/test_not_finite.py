@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from discrepancy.residual import initial_state
 from estimation import Record
 from estimation.files.record import RecordedSignal
 from estimation.response.experiment import Experiment
@@ -140,6 +141,29 @@ def test_an_integration_of_hopelessly_small_steps_is_given_up(model) -> None:
     with pytest.raises(SimulationError, match="more than the 2000000 allowed by then") as error:
         simulated(model("-1e18 * x"))
     assert error.value.stop is Stop.TOO_MANY_EVALUATIONS
+
+
+@pytest.mark.parametrize(
+    ("force", "says"),
+    [
+        ("-1e18 * x", r"the fastest is state 0 \('body.position'\), with a time constant of 1e-09 s"),
+        ("-5.0 if v > 0.0 else 5.0", r"a time constant of 1e-0\d s|although no state is fast"),
+    ],
+)
+def test_what_makes_the_steps_small_is_told(model, force: str, says: str) -> None:
+    with pytest.raises(SimulationError, match=says):
+        model(force).build().simulate(10.0)
+
+
+def test_a_record_of_which_no_piece_can_be_simulated_is_given_up_at_the_second(model, monkeypatch) -> None:
+    tried = []
+    whole = initial_state.simulate
+    monkeypatch.setattr(initial_state, "simulate", lambda *a, **k: (tried.append(a[1]), whole(*a, **k))[1])
+    system = model("-5.0 if v > 0.0 else 5.0", shown="k * x").build()
+    with pytest.raises(SimulationError, match=r"record 'trip': .* allowed by then") as error:
+        initial_state.estimate_states(experiment(), system, system.p)
+    assert error.value.stop is Stop.TOO_MANY_EVALUATIONS
+    assert len(set(tried)) == 2
 
 
 def test_a_method_of_scipy_has_the_same_limit(model, monkeypatch: pytest.MonkeyPatch) -> None:

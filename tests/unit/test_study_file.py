@@ -233,6 +233,25 @@ def test_broken_study_is_refused_and_named(folder, kind):
         assert word in message
 
 
+@pytest.mark.parametrize(
+    ("after", "added", "fault"),
+    [
+        ("[records]", 'time_zone = "Europe/Berlim"', "time_zone: there is no time zone 'Europe/Berlim'"),
+        ("[records]", 'time_format = "dd/mm/yyyy"', "time_format: 'dd/mm/yyyy' must name the parts of a date"),
+        ("[records]", 'time_format = "%Q"', "time_format: '%Q' must name the parts of a date"),
+        ("[records]", 'time_unit = "kg"', "time_unit: 'kg' is no unit of time; name one such as"),
+        ("[records]", "skip_rows = -1", "skip_rows: is -1, and must not be negative"),
+        ("", '[clocks]\n"c*.csv" = { offset = 0.5 }', '"c*.csv": fits the name of no recording; nearest: '),
+        ("", '[initial]\nfree = ["a", "b", "a"]', "free: 'a' is named more than once"),
+        ("", '[offsets]\noutputs = ["motor.force", "motor.force"]', "outputs: 'motor.force' is named more than once"),
+    ],
+)
+def test_what_would_change_nothing_is_refused(folder, after, added, fault):
+    text = SOUND.replace(after, f"{after}\n{added}") if after else f"{SOUND}\n{added}\n"
+    (found,) = faults(folder, text)
+    assert fault in found
+
+
 def test_one_error_lists_all_faults(folder):
     text = SOUND.replace("std = 5 }", "std = -5, valu = 3 }").replace("axis.py", "axes.py").replace("a*", "c*")
     found = faults(folder, text.replace("noise = 1e-6", "noise = 0.0"))
