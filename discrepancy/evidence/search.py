@@ -572,13 +572,15 @@ class EvidenceSearch:
             tried = self.models.get(key_of(effects))
             from_trial = tried.stage if tried is not None and tried.likelihood is not None else best.stage
             before = state.stages[-1]
+            name = f"+ {effect}"
             try:
-                stage = state.fitted(f"+ {effect}", from_trial.effects if tried else effects, from_trial, before.noise)
+                if tried is not None and tried.at_likeliest:
+                    stage = state.moved_to(replace(from_trial, name=name), from_trial.identify.to_dict())
+                else:
+                    stage = state.fitted(name, from_trial.effects if tried else effects, from_trial, before.noise)
             except RuntimeError as error:
                 state.progress(f"{effect} could not be fitted further, the fit on trial is kept: {error}")
                 stage = with_validation(state.problem, from_trial)
-            if tried is not None and tried.at_likeliest and tried.likelihood is not None:
-                stage = state.moved_to(stage, tried.likelihood.stage.identify.to_dict())
             fitted = next(e for e in stage.effects if str(e) == str(effect))
             others = (*(e for e in stage.effects if e is not fitted), fitted)
             model = self.models.get(key_of(effects))
