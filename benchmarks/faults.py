@@ -41,7 +41,8 @@ def main() -> int:
     if "disk full" in counts and not can_mount():
         print("disk full: skipped, because a small disk can be made by the administrator of a Linux system only")
         del counts["disk full"]
-    kept: dict[tuple[str, int], tuple[str, int]] = {}
+    commit = _commit()
+    kept: dict[tuple[str, int], tuple[str, int, str]] = {}
     if given.keep and given.keep.exists():
         for line in given.keep.read_text(encoding="utf-8").splitlines():
             kind, k, *outcome = json.loads(line)
@@ -57,40 +58,47 @@ def main() -> int:
                     break
                 rng = np.random.default_rng([KINDS.index(kind), k, given.seed])  # each of its own: it may go on
                 outcome = try_fault(kind, bench, rng, Path(temporary) / "case")
-                kept[kind, k] = outcome.wrong, outcome.code
+                kept[kind, k] = outcome.wrong, outcome.code, commit
                 if given.keep:
                     with given.keep.open("a", encoding="utf-8") as stream:
-                        stream.write(json.dumps([kind, k, outcome.wrong, outcome.code]) + "\n")
+                        stream.write(json.dumps([kind, k, outcome.wrong, outcome.code, commit]) + "\n")
                 if outcome.wrong:
                     print(f"{kind} {k}: {outcome.wrong}", flush=True)
     lines = _table(kept)
     print("\n".join(lines))
     if given.page:
-        given.page.write_text(_page(lines, kept), encoding="utf-8")
-    return 1 if any(wrong for wrong, _ in kept.values()) else 0
+        given.page.write_text(_page(lines, kept, given.seed), encoding="utf-8")
+    return 1 if any(wrong for wrong, *_ in kept.values()) else 0
 
 
-def _table(kept: dict[tuple[str, int], tuple[str, int]]) -> list[str]:
-    lines = ["| fault | tried | survived | 95 % interval | how the runs ended |", "| --- | ---: | ---: | --- | --- |"]
+def _commit() -> str:
+    shown = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+    return shown.stdout.strip() or "unknown"
+
+
+def _table(kept: dict[tuple[str, int], tuple[str, int, str]]) -> list[str]:
+    lines = [
+        "| fault | tried | survived | 95 % interval | how the runs ended | at |",
+        "| --- | ---: | ---: | --- | --- | --- |",
+    ]
     for kind in KINDS:
         outcomes = [outcome for (of, _), outcome in kept.items() if of == kind]
         if outcomes:
-            survived = sum(not wrong for wrong, _ in outcomes)
-            ends = Counter(f"signal {-code}" if code < 0 else f"exit code {code}" for _, code in outcomes)
+            survived = sum(not wrong for wrong, *_ in outcomes)
+            ends = Counter(f"signal {-code}" if code < 0 else f"exit code {code}" for _, code, _ in outcomes)
             how = ", ".join(f"{n} {end}" for end, n in sorted(ends.items()))
-            lines.append(
-                f"| {kind} | {len(outcomes)} | {survived} | {share_interval(survived, len(outcomes))} | {how} |"
-            )
+            at = ", ".join(dict.fromkeys(commit for *_, commit in outcomes))
+            share = share_interval(survived, len(outcomes))
+            lines.append(f"| {kind} | {len(outcomes)} | {survived} | {share} | {how} | {at} |")
     return lines
 
 
-def _page(lines: list[str], kept: dict[tuple[str, int], tuple[str, int]]) -> str:
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+def _page(lines: list[str], kept: dict[tuple[str, int], tuple[str, int, str]], seed: int) -> str:
     rule = (HERE / "fault_cases.py").read_text(encoding="utf-8").split('"""')[1].strip()
-    wrong = [f"- {kind}, case {k}: {' '.join(text.split())}" for (kind, k), (text, _) in kept.items() if text]
+    wrong = [f"- {kind}, case {k}: {' '.join(text.split())}" for (kind, k), (text, *_) in kept.items() if text]
     return PAGE.format(
         date=datetime.date.today().isoformat(),
-        commit=commit.stdout.strip() or "unknown",
+        seed=seed,
         lines="\n".join(lines),
         rule=rule,
         wrong="\n".join(wrong) or "Every fault was survived.",
@@ -100,8 +108,9 @@ def _page(lines: list[str], kept: dict[tuple[str, int], tuple[str, int]]) -> str
 
 PAGE = """# Faults from outside
 
-Measured on {date} at {commit} by `python benchmarks/faults.py --keep FILE --page docs/benchmarks/faults.md`, which
-writes this page and may be interrupted and continued. A whole suite is {planned}.
+Measured on {date} with seed {seed} by `python benchmarks/faults.py --keep FILE --page docs/benchmarks/faults.md`, which
+writes this page and may be interrupted and continued. A whole suite is {planned}. Where a fault is not survived, the
+program is mended and the whole kind is tried again: the last column says at which commit each was.
 
 {lines}
 
