@@ -218,13 +218,13 @@ def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterio
     """Return how probable each answer is, for a search by evidence."""
     if by_evidence is None:
         return None
-    found = [str(e) for e in by_evidence.state.stages[-1].effects]
+    names = [str(e) for e in by_evidence.state.stages[-1].effects]
     start = by_evidence.start
     asked = start.proposals if start is not None else None
     taken = by_evidence.taken
     final = taken.proposals if taken is not None else None
     unknown = verdict == "unknown effect"
-    return posterior(by_evidence.models, found, asked, final, by_evidence.prior, unknown=unknown)
+    return posterior(by_evidence.models, names, asked, final, by_evidence.prior, unknown=unknown)
 
 
 def _accepted_curve(

@@ -453,14 +453,14 @@ class AddedInertia(Component):
 
 
 def _versions() -> dict[str, tuple[type[Component], type[Component]]]:
-    found: dict[str, tuple[type[Component], type[Component]]] = {}
+    versions: dict[str, tuple[type[Component], type[Component]]] = {}
     for law in (*Law.__subclasses__(), *DryLaw.__subclasses__()):
         if law is DryLaw:
             continue
         name = law.__name__.lstrip("_")
-        found[name] = in_both_domains(law, _class_names(name))
-    found["AddedInertia"] = (AddedMass, AddedInertia)
-    return found
+        versions[name] = in_both_domains(law, _class_names(name))
+    versions["AddedInertia"] = (AddedMass, AddedInertia)
+    return versions
 
 
 def _class_names(law: str) -> tuple[str, str]:

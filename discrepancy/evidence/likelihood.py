@@ -11,7 +11,7 @@ import numpy as np
 
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
-from discrepancy.innovations.noise_fit import WORTH, RecordColumns, fit_noise, likeliest_change
+from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, fit_noise, likeliest_change
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -302,7 +302,7 @@ def _price_of_a_process(linearised: LinearisedProblem) -> float:
     connections, recorded = acting_inputs(linearised)
     octaves = _frequencies(linearised).size
     offered = (len(connections) + len(linearised.residual().channels)) * (MEMORIES + octaves) + len(recorded)
-    return WORTH + float(np.log(offered))
+    return PROCESS_PRICE + float(np.log(offered))
 
 
 def _spread(linearised: LinearisedProblem) -> np.ndarray:

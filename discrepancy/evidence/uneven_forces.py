@@ -14,7 +14,7 @@ import numpy as np
 
 from discrepancy.evidence.likelihood import StageLikelihood, fitted_noise, record_columns
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_fit import WORTH, RecordColumns, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel
 
 __all__ = ["UnevenForce", "uneven_random_forces"]
@@ -96,12 +96,12 @@ def uneven_random_forces(likelihood: StageLikelihood) -> tuple[UnevenForce, ...]
         if process.source < 0 or process.at_standstill or process.memory < SLOW * step:
             continue
         regimes = every.get(process.where, [])
-        price = WORTH + float(np.log(max(2 * len(regimes), 1)))
+        price = PROCESS_PRICE + float(np.log(max(2 * len(regimes), 1)))
         trials = [t for regime in regimes for t in _trials(columns, model, k, regime)]
         if not trials:
             continue
         gains = [restricted_log_likelihood(t.columns, t.model, std, offset) - fitted.log_likelihood for t in trials]
-        if max(gains) < price - WORTH:
+        if max(gains) < price - PROCESS_PRICE:
             continue
         best = trials[int(np.argmax(gains))]
         records = [c.record for c in best.columns]

@@ -28,7 +28,7 @@ from discrepancy.evidence.likelihood import (
 )
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_scores, scores_of_blocks
-from discrepancy.innovations.noise_fit import WORTH, RecordColumns, likeliest_change, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, likeliest_change, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel
 from multibody.solvers.kernels.perturbations import propagate
 
@@ -180,7 +180,7 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
         where=best.source.where,
         acts_on=best.source.acts_on,
         depends_on=asked.dependence(best.source),
-        gain=best.gain - WORTH + log_odds,
+        gain=best.gain - PROCESS_PRICE + log_odds,
         log_odds=log_odds,
         share=share,
         samples=likelihood.count,

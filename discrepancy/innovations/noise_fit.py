@@ -23,9 +23,9 @@ __all__ = [
 
 #: Nats that the size and the memory of a process cost, which are maximised over: two parameters, of which one is at
 #: its bound where there is no such process.
-WORTH = 4.0
+PROCESS_PRICE = 4.0
 #: Nats by which the likelihood may fall without a process, before the others are fitted anew, so that it is tried
-#: without; chosen, several times `WORTH`.
+#: without; chosen, several times `PROCESS_PRICE`.
 NEARLY = 40.0
 #: Nats that a process must gain at the memory and frequency that are offered, so that others are tried.
 PROMISES = 1.0
@@ -48,7 +48,7 @@ ROUNDS, FURTHEST = 30, 6.0
 #: frequencies an octave), and the step of the differences that stand for their derivatives.
 FURTHEST_MEMORY, FURTHEST_FREQUENCY, DIFFERENCE = 2.5, 0.7, 1e-3
 #: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
-#: search: what they give away is far below `WORTH`.
+#: search: what they give away is far below `PROCESS_PRICE`.
 STEEP, LINE_SEARCH = 0.3, 6
 HOPELESS = 1e4  # nats below the start that a model counts as where its likelihood cannot be computed
 #: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
@@ -361,7 +361,7 @@ def fit_noise(
     candidates: Sequence[Process],
     start: NoiseModel | None = None,
     *,
-    price: float = WORTH,
+    price: float = PROCESS_PRICE,
     grow: bool = True,
     reduce: bool = True,
 ) -> tuple[NoiseModel, float]:

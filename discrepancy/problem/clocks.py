@@ -38,7 +38,7 @@ def found_offsets(experiments: Sequence[Experiment], system: System, p: np.ndarr
     p : ndarray
         Parameters at the start of the fit.
     """
-    found: dict[str, dict[str, float]] = {}
+    offsets: dict[str, dict[str, float]] = {}
     for e in experiments:
         if not e.clocks:
             continue
@@ -60,8 +60,8 @@ def found_offsets(experiments: Sequence[Experiment], system: System, p: np.ndarr
             )
             shift, left, unshifted = time_shift(step, modelled[:, columns], measured)
             if shift and left <= CLEARLY * unshifted:
-                found.setdefault(e.name, {})[clock.files] = shift
-    return found
+                offsets.setdefault(e.name, {})[clock.files] = shift
+    return offsets
 
 
 def with_margin(experiments: Sequence[Experiment], records: Sequence[Experiment]) -> tuple[Experiment, ...]:

@@ -179,20 +179,20 @@ def at_rest(
     for n in states:
         if n in speeds:
             x[system.index("state", speeds[n])] = 0.0
-    found = settled(x)
-    for _ in range(SWEEPS if found is None else 0):
+    rest = settled(x)
+    for _ in range(SWEEPS if rest is None else 0):
         for n in states:
             x = _nulled(system, x, u, p, system.index("state", n), rates[n])
-        found = settled(x)
-        if found is not None:
+        rest = settled(x)
+        if rest is not None:
             break
-    if found is None:
+    if rest is None:
         raise SimulationError(
             f"record '{experiment.name}': [initial]: no {', '.join(states)} was found at which the machine is at rest "
             "with the other states at their start values: give a number, or check what carries it"
         )
     known = system.state_names if whole else states
-    start = dict(experiment.start) | {n: float(found[system.index("state", n)]) for n in known}
+    start = dict(experiment.start) | {n: float(rest[system.index("state", n)]) for n in known}
     return replace(experiment, start=start)
 
 

@@ -609,11 +609,11 @@ class _Reader:
                 paths += self.found(key, [entry])
                 continue
             loggers = [self.found(key, [pattern]) for pattern in entry]
-            counts = {len(found) for found in loggers}
+            counts = {len(matched) for matched in loggers}
             if 0 in counts:
                 continue
             if len(counts) > 1:
-                listed = ", ".join(f"'{p}' {len(found)}" for p, found in zip(entry, loggers, strict=True))
+                listed = ", ".join(f"'{p}' {len(matched)}" for p, matched in zip(entry, loggers, strict=True))
                 self.fault(f"[records] {key}", f"patterns of the files of one record match different numbers: {listed}")
                 continue
             self.joined += list(zip(*loggers, strict=True))

@@ -114,8 +114,8 @@ def scan_free_curves(
     )
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in result.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
-    found = [(by_name[r.name].info, np.atleast_1d(r.expected_strength), dict(r.shape)) for r in rows]
-    curves = tuple(_effect(info["place"], info["over"], height, shape, effects) for info, height, shape in found)
+    significant = [(by_name[r.name].info, np.atleast_1d(r.expected_strength), dict(r.shape)) for r in rows]
+    curves = tuple(_effect(info["place"], info["over"], height, shape, effects) for info, height, shape in significant)
     return FreeCurveScan(curves, tuple(r.p_value for r in rows), tuple(r.error_reduction for r in rows), result)
 
 

@@ -134,13 +134,13 @@ def read_columns(files: Sequence[Path], time: str | None = None) -> DataColumns:
     if faults:
         raise RecordError(faults)
     columns = tuple(DataColumn(name, _unit(name, first)) for name in first.names if name)
-    found = _time_column(first, columns, time)
-    trip = next((c.name for c in columns if c.unit is None and c.words & _TRIP and c.name != found), "")
+    time_column = _time_column(first, columns, time)
+    trip = next((c.name for c in columns if c.unit is None and c.words & _TRIP and c.name != time_column), "")
     return DataColumns(
         files=tuple(files),
-        time=found,
+        time=time_column,
         trip=trip,
-        columns=tuple(c for c in columns if c.name not in (found, trip)),
+        columns=tuple(c for c in columns if c.name not in (time_column, trip)),
     )
 
 

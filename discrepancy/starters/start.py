@@ -181,9 +181,11 @@ def start_study(
         raise StudyError([f"{folder}: there is a study in it already: name another folder with --out"])
     files = _files(data)
     progress("read the columns")
-    found = read_columns(files, time)
+    data_columns = read_columns(files, time)
     draft = (
-        _of_fmu(Path(fmu), found, columns, folder) if fmu else _of_machine(KINDS[machine or ""], found, columns, folder)
+        _of_fmu(Path(fmu), data_columns, columns, folder)
+        if fmu
+        else _of_machine(KINDS[machine or ""], data_columns, columns, folder)
     )
     folder.mkdir(parents=True, exist_ok=True)
     _records(draft)
@@ -215,9 +217,9 @@ def _files(data: Sequence[str | Path]) -> tuple[Path, ...]:
                 faults.append(f"{entry}: the folder has no recording: files end in {', '.join(READERS)}")
             paths += inside
             continue
-        found = find_files(Path.cwd(), [str(entry)])
-        faults += found.faults
-        paths += found.paths
+        matches = find_files(Path.cwd(), [str(entry)])
+        faults += matches.faults
+        paths += matches.paths
     if faults:
         raise StudyError(faults)
     return tuple(dict.fromkeys(path.absolute() for path in paths))

@@ -184,12 +184,12 @@ def _fits(
         return (left, slopes) if np.all(np.isfinite(left)) and np.all(np.isfinite(slopes)) else None
 
     def residuals(theta: np.ndarray) -> np.ndarray:
-        found = respond(theta)
-        return np.full(rows, 1e6) if found is None else found[0]
+        response = respond(theta)
+        return np.full(rows, 1e6) if response is None else response[0]
 
     def jacobian(theta: np.ndarray) -> np.ndarray:
-        found = respond(theta)
-        return np.zeros((rows, theta.size)) if found is None else found[1]
+        response = respond(theta)
+        return np.zeros((rows, theta.size)) if response is None else response[1]
 
     begin = np.concatenate([_start_of(e, system) for e in experiments]) if sum(owns) else np.empty(0)
     ends = []
@@ -201,8 +201,8 @@ def _fits(
         reach = DECADES * np.log(10.0)
         low[: len(names)], high[: len(names)] = theta[: len(names)] - reach, theta[: len(names)] + reach
         ends.append(least_squares(residuals, theta, jacobian, (low, high), x_scale="jac", max_nfev=rounds))
-    found = [([float(np.exp(v)) for v in end.x[: len(names)]], float(end.cost)) for end in ends]
-    return sorted(found, key=lambda each: each[1]) or [([float(v) for v in starts[0]], np.inf)]
+    fits = [([float(np.exp(v)) for v in end.x[: len(names)]], float(end.cost)) for end in ends]
+    return sorted(fits, key=lambda each: each[1]) or [([float(v) for v in starts[0]], np.inf)]
 
 
 def _start_of(experiment: Experiment, system: System) -> np.ndarray:

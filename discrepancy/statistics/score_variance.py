@@ -206,9 +206,9 @@ def score_variance(Z: Columns, groups: Sequence[Sequence[slice]], bands: Bands) 
     def vectors() -> Iterator[Array]:
         for (span, pack), in_pack in zip(Z.packs(), groups, strict=True):
             local = [slice(cols.start - span.start, cols.stop - span.start) for cols in in_pack]
-            M, A, found = _of_pack(pack, local, bands)
+            M, A, dof_of_pack = _of_pack(pack, local, bands)
             weights.put(np.transpose(A, (0, 1, 3, 2)).reshape(len(local), -1))
-            dof.extend(found)
+            dof.extend(dof_of_pack)
             alone = np.einsum("ij,ij->j", pack, M)
             own.extend(
                 pack[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in local

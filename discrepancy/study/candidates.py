@@ -187,8 +187,8 @@ def named_effect(
     known = candidates_of(state)
     if name not in {row.name for row in known.scan.rows}:  # the study's settings may exclude it
         every = candidates_of(state, include=[name])
-        found = {row.name for row in every.scan.rows} | {entry.name for entry, _ in every.refused}
-        known = every if name in found else known
+        names = {row.name for row in every.scan.rows} | {entry.name for entry, _ in every.refused}
+        known = every if name in names else known
     effect = known.effect(name)
     own: dict[str, float] = {}
     if strength is not None:

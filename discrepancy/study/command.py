@@ -81,8 +81,8 @@ def compare(args: Namespace) -> int:
 def _checked(problem: Problem, args: Namespace) -> Problem:
     """Return the problem with what `check` says of it among its warnings, and print that: it costs a simulation."""
     args.progress("whether model and records fit each other")
-    found = check_problem(problem, excitation=False)
-    noted = [text for text in (*found.faults, *found.warnings) if text not in problem.warnings]
+    checks = check_problem(problem, excitation=False)
+    noted = [text for text in (*checks.faults, *checks.warnings) if text not in problem.warnings]
     if not args.quiet:
         for text in noted:
             print(f"vtsdt: {printable(text)}", file=sys.stderr)
@@ -105,27 +105,27 @@ def check(args: Namespace) -> int:
     args.progress("read the study and its records")
     problem = read_problem(args.study)
     args.progress("simulate every record once")
-    found = check_problem(problem)
+    checks = check_problem(problem)
     as_json = getattr(args, "json", False)
-    for lead, texts in (("FAULT", found.faults), ("warning", found.warnings), ("ok", found.facts)):
+    for lead, texts in (("FAULT", checks.faults), ("warning", checks.warnings), ("ok", checks.facts)):
         if not as_json and (not args.quiet or lead == "FAULT"):
             for text in texts:
                 print(f"{lead}: {printable(text)}")
-    result = {"schema": 1, "study": problem.name, **{k: list(getattr(found, k)) for k in CHECKED}}
+    result = {"schema": 1, "study": problem.name, **{k: list(getattr(checks, k)) for k in CHECKED}}
     text = json.dumps(result, indent=2, ensure_ascii=False)
     if args.out is not None:
         Path(args.out).mkdir(parents=True, exist_ok=True)
         (Path(args.out) / "check.json").write_text(text + "\n", encoding="utf-8")
     if as_json:
         print(text)
-    if args.out is not None and found.model is not None:
-        e = found.experiment
+    if args.out is not None and checks.model is not None:
+        e = checks.experiment
         out = Path(args.out)
         units = [e.record.signals[n].unit for n in e.outputs]
-        check_figure(e.name, e.time, e.measured, found.model, e.outputs, units).savefig(out / "check.png", dpi=110)
+        check_figure(e.name, e.time, e.measured, checks.model, e.outputs, units).savefig(out / "check.png", dpi=110)
         if not args.quiet and not as_json:
             print(f"picture: {out / 'check.png'}")
-    return 2 if found.faults else 0
+    return 2 if checks.faults else 0
 
 
 def list_catalogue(args: Namespace) -> int:

@@ -75,11 +75,11 @@ def stretches_in(left_out: Sequence[Stretch], wanted: Stretch) -> list[Stretch]:
     KeyError
         If there is none.
     """
-    found = [s for s in left_out if s.record == wanted.record and wanted.start <= s.start and s.stop <= wanted.stop]
-    if not found:
+    inside = [s for s in left_out if s.record == wanted.record and wanted.start <= s.start and s.stop <= wanted.stop]
+    if not inside:
         given = "; ".join(map(str, left_out)) or "nothing"
         raise KeyError(f"no stretch of {wanted} is left out: {given} is")
-    return found
+    return inside
 
 
 def without_stretches(problem: Problem, stretches: Sequence[Stretch]) -> Problem:

@@ -114,9 +114,9 @@ def ends(now: Snapshot, others: Sequence[Snapshot]) -> tuple[Snapshot, ...]:
     others : sequence of Snapshot
         Every other moment that is known; of several alike the first is returned.
     """
-    found: list[Snapshot] = []
+    latest: list[Snapshot] = []
     for k, moment in enumerate(others):
         later = (o for i, o in enumerate(others) if i < k or not o.leads_to(moment))
         if moment.names and not moment.leads_to(now) and not any(moment.leads_to(o) for o in later):
-            found.append(moment)
-    return tuple(found)
+            latest.append(moment)
+    return tuple(latest)

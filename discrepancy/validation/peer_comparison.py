@@ -106,13 +106,13 @@ def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTria
         }
     start = time.perf_counter()
     conclusion = study.diagnose()
-    found = [s.accepted for s in study.stages if s.accepted is not None]
+    accepted = [s.accepted for s in study.stages if s.accepted is not None]
     before, after = study.stages[1].rmse("validate"), study.stages[-1].rmse("validate")
     answers[OURS] = {
-        "named": [str(a.effect) for a in found],
-        "ties": [f"{r.kind}@{r.where}" for r in found[0].rivals if r.indistinguishable] if found else [],
+        "named": [str(a.effect) for a in accepted],
+        "ties": [f"{r.kind}@{r.where}" for r in accepted[0].rivals if r.indistinguishable] if accepted else [],
         "ratio": math.exp(sum(math.log(after[n] / before[n]) for n in after) / len(after)),
-        "alarm": bool(found),
+        "alarm": bool(accepted),
         "verdict": conclusion.verdict,
         "seconds": time.perf_counter() - start + calibrated - begun,
     }

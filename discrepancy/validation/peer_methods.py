@@ -94,7 +94,7 @@ def _triangles(seen: RegressionData) -> list[Array]:
 def _settings(seen: RegressionData) -> list[tuple[float, float, float]]:
     """Return (error on trips left out, threshold, ridge) of every setting, best first."""
     parts = _triangles(seen)
-    found = []
+    settings = []
     for ridge in RIDGES:
         for threshold in THRESHOLDS:
             error = 0.0
@@ -102,8 +102,8 @@ def _settings(seen: RegressionData) -> list[tuple[float, float, float]]:
                 rest = np.concatenate([p for j, p in enumerate(parts) if j != k])
                 c = _stlsq(rest[:, :-1], rest[:, -1], threshold, ridge)
                 error += float(np.sum((out[:, -1] - out[:, :-1] @ c) ** 2))
-            found.append((error, threshold, ridge))
-    return sorted(found)
+            settings.append((error, threshold, ridge))
+    return sorted(settings)
 
 
 def stlsq(case: RegressionCase) -> Answer:
@@ -229,7 +229,7 @@ def _features(case: PeerCase, part: str) -> list[Array]:
     The reference is the first input, a place or a speed.
     """
     blocks = case.residual.blocks if part == "identify" else case.held.blocks
-    found = []
+    features = []
     for fit, block in zip(case.stage.fits(part), blocks, strict=True):
         record = fit.experiment.record
         reference = record.signals[fit.experiment.inputs[0]]
@@ -241,8 +241,8 @@ def _features(case: PeerCase, part: str) -> list[Array]:
             speed = np.gradient(place, record.time)
         rate = np.gradient(speed, record.time)
         pick = np.linspace(0, len(place) - 1, len(block)).round().astype(int)
-        found.append(np.column_stack([place, speed, rate])[pick])
-    return found
+        features.append(np.column_stack([place, speed, rate])[pick])
+    return features
 
 
 def gaussian_process(case: PeerCase) -> Answer:

@@ -313,13 +313,15 @@ def resampled_alarms(
             names, least = {"plain": "", "whitened": "", "pairs": "", "curves": ""}, 1.0
             scans = []
             for which in ("plain", "whitened", "curves"):  # the first that finds something ends the trial
-                found = look(which, made, number)
-                scans.append(found)
+                result = look(which, made, number)
+                scans.append(result)
                 curves = which == "curves"
                 missing = [
-                    r for r in found.rows if (significant_and_predictive(r) if curves else r.verdict is Verdict.MISSING)
+                    r
+                    for r in result.rows
+                    if (significant_and_predictive(r) if curves else r.verdict is Verdict.MISSING)
                 ]
-                least = min([least, *(r.p_value for r in found.rows)])
+                least = min([least, *(r.p_value for r in result.rows)])
                 if missing:
                     names[which] = missing[0].name
                     break

@@ -44,15 +44,15 @@ def sources(*modules: str) -> set[Path]:
     Imports for type checking alone do not count.  A name from a package that imports on first use counts as the module
     that its stub names.
     """
-    found: set[Path] = set()
+    paths: set[Path] = set()
     waiting = [*modules]
     while waiting:
         path = _file_of(waiting.pop())
-        if path is None or path in found:
+        if path is None or path in paths:
             continue
-        found.add(path)
+        paths.add(path)
         waiting += _imported(path)
-    return found
+    return paths
 
 
 def _file_of(module: str) -> Path | None:

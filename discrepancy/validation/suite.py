@@ -208,8 +208,8 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
         return 0
     text = page(args.out, date.today().isoformat(), args.machine)
     (args.out / "results.md").write_text(text + "\n")
-    found = {s: [list(r) for r in rates(read_trials(args.out / file_name(args.machine, s)))] for s in SUITES}
-    (args.out / "results.json").write_text(json.dumps(found, indent=1) + "\n")
+    rates_of_suites = {s: [list(r) for r in rates(read_trials(args.out / file_name(args.machine, s)))] for s in SUITES}
+    (args.out / "results.json").write_text(json.dumps(rates_of_suites, indent=1) + "\n")
     if args.page is not None:
         args.page.write_text(with_section(args.page.read_text(), args.machine, text))
     from rich.console import Console

@@ -36,22 +36,22 @@ def force_view(force: UnknownForce) -> Entry:
     e = force.estimate
     entries = []
     report = force.report
-    for k, found in enumerate(report.explanations if report is not None else ()):
-        x = e.direction if found.regressor == "direction" else e.motion[found.regressor]
-        curve = found.curve
+    for k, explanation in enumerate(report.explanations if report is not None else ()):
+        x = e.direction if explanation.regressor == "direction" else e.motion[explanation.regressor]
+        curve = explanation.curve
         if curve.period is not None:
             x = curve.grid[0] + np.mod(x - curve.grid[0], curve.period)
-        turned = e.direction if found.parity == "odd" else np.ones_like(x)
+        turned = e.direction if explanation.parity == "odd" else np.ones_like(x)
         step = max(1, x.size // MOST_POINTS)
         best = report is not None and report.best is not None and k == 0
         entries.append(
             {
-                "regressor": found.regressor,
+                "regressor": explanation.regressor,
                 "unit": unit_text(curve.unit),
-                "parity": found.parity,
-                "explained": found.explained,
-                "p": found.p,
-                "looks_like": {n: share for n, share in found.aliases.items() if share > 0.5},
+                "parity": explanation.parity,
+                "explained": explanation.explained,
+                "p": explanation.p,
+                "looks_like": {n: share for n, share in explanation.aliases.items() if share > 0.5},
                 "x": x[::step].tolist(),
                 "y": (turned * e.force)[::step].tolist(),
                 "curve": {"x": curve.grid.tolist(), "y": curve.value.tolist(), "std": curve.std.tolist()},

@@ -133,12 +133,12 @@ def served(
                 json.loads(await request.body() or b"{}") if request.method == "POST" else dict(request.query_params)
             )
             try:
-                found = await run_in_threadpool(work, given)
+                content = await run_in_threadpool(work, given)
             except Busy as error:
                 return _json({"error": str(error)}, 409)
             except (KeyError, ValueError, RuntimeError, TypeError) as error:
                 return _json({"error": str(error.args[0] if error.args else error)}, 400)
-            return _json(found, 200)
+            return _json(content, 200)
 
         return handler
 

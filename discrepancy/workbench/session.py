@@ -240,10 +240,10 @@ class Session:
         for _ in range(READINGS):
             # first, or a step that ends meanwhile would show the stages before it as what stands after it
             version, doing = self.version, self._doing
-            found = self._read(version, doing)
+            entry = self._read(version, doing)
             if self.version == version or (doing and not doing.get("yields")):
                 break  # else a step may have begun meanwhile: what was read is partly from before it
-        return found
+        return entry
 
     def _read(self, version: int, doing: Entry) -> Entry:
         study = self.study

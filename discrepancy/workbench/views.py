@@ -117,7 +117,7 @@ def _regressors(
 ) -> list[tuple[str, str, np.ndarray]]:
     turns = motion.place.domain == "rotation"
     unit = "rad" if turns else "m"
-    found = [
+    regressors = [
         ("speed", f"{unit}/s", motion.speed),
         ("position", unit, motion.position),
         ("acceleration", f"{unit}/s²", motion.acceleration),
@@ -125,8 +125,8 @@ def _regressors(
     if load := load_at(stage, motion.place):
         values = _along_records(residuals, load)
         if np.ptp(values) > 0.0:
-            found.append(("load", "N·m" if turns else "N", values))
-    return found
+            regressors.append(("load", "N·m" if turns else "N", values))
+    return regressors
 
 
 def _along_records(residuals: ResidualsAlongMotion, name: str) -> np.ndarray:
@@ -198,7 +198,7 @@ def _responses(
     if not fits:
         return []
     experiment = fits[0].experiment
-    found = []
+    responses = []
     for name in experiment.inputs:
         given = experiment.record.signals[name]
         when, u = experiment.preparation.apply(np.asarray(experiment.record.time), np.asarray(given.values))
@@ -206,7 +206,7 @@ def _responses(
         if not np.ptp(u) > 0.0:
             continue
         one, other = (frequency_response(u, y, rate)[1][1:] for y in (measured, model))
-        found.append(
+        responses.append(
             {
                 "input": name,
                 "unit": f"{unit_text(stage.system.unit(output)) or '1'} / {unit_text(given.unit) or '1'}",
@@ -215,4 +215,4 @@ def _responses(
                 "coherence": coherence(u, measured, rate)[1][1:].tolist(),
             }
         )
-    return found
+    return responses

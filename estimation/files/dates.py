@@ -115,10 +115,10 @@ def dates_from_text(
     # commas of the text are dots by now
     written: dict[str, Any] = {"format": form and form.replace(",", ".")}
     if form is None:
-        found, remedy = _order(known, sample)
+        order, remedy = _order(known, sample)
         if remedy:
             return nothing, [f"{where}: {remedy}"]
-        written = found
+        written = order
     zoned = bool(_ZONED.search(sample)) and not re.fullmatch(r"\d{4}-\d{2}-\d{2}", sample)
     stamps = pd.to_datetime(text.where(~empty), errors="coerce", utc=zoned, **written)
     wrong = stamps.isna().to_numpy() & ~empty.to_numpy()

@@ -130,15 +130,15 @@ def _layout(name: str, lines: Sequence[str], request: TableRequest) -> _Layout:
         kept = kept[1:]
     top = [lines[place] for place in kept]
     middle = len(top) // 2
-    found: tuple[str, Header] | None = None
+    best: tuple[str, Header] | None = None
     by_header, by_data = _delimiter(top[0], top[1:2]), _delimiter(top[middle], top[middle + 1 : middle + 2])
     for delimiter in dict.fromkeys((by_header, by_data)):
         cells = [_split(line, delimiter) for line in top[:200]]
         header = find_header(cells) if len(cells[middle if middle < 200 else -1]) > 1 else Header(0, 1)
-        if found is None or (found[1] == Header(0, 1) and header.row > 0):
-            found = delimiter, header
-    assert found is not None
-    delimiter, header = found
+        if best is None or (best[1] == Header(0, 1) and header.row > 0):
+            best = delimiter, header
+    assert best is not None
+    delimiter, header = best
     names = tuple(cell.strip() for cell in _split(top[header.row], delimiter))
     if all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in names):
         skipped = f", or lower skip_rows in [records], which is {request.skip_rows}" if request.skip_rows else ""

@@ -139,8 +139,8 @@ class _Conversion:
             signals = {key: replace(signal, values=signal.values[finite]) for key, signal in signals.items()}
         commands = {self.columns[key] for key in self.driven if key in self.columns}
         for signal in signals.values():
-            found = check_values(self.file, signal.column, signal.values, rows, command=signal.column in commands)
-            self.warnings += [f.text for f in found]
+            faults = check_values(self.file, signal.column, signal.values, rows, command=signal.column in commands)
+            self.warnings += [f.text for f in faults]
         as_written = {
             key: (column, table.numbers[column][keep] if len(keep) < len(inside) else table.numbers[column])
             for key, column in recorded.items()

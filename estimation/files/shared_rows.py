@@ -62,7 +62,7 @@ def shared_rows(
     if pairs is None:
         pairs = [(i, j) for j in range(len(records)) for i in range(j)]
     group = _groups(runs)
-    found = []
+    shared = []
     for i, j in pairs:
         if group[i] != group[j]:
             continue
@@ -74,8 +74,8 @@ def shared_rows(
         if rows < LEAST_SHARE * min(len(records[i].time), len(records[j].time)):
             continue
         where = records[j].time[covered]
-        found.append(SharedRows(first=i, second=j, rows=rows, start=float(where[0]), stop=float(where[-1])))
-    return found
+        shared.append(SharedRows(first=i, second=j, rows=rows, start=float(where[0]), stop=float(where[-1])))
+    return shared
 
 
 def _groups(runs: Sequence[np.ndarray]) -> list[int]:

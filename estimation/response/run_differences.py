@@ -119,11 +119,11 @@ class _Along:
         h, above, below = self.first, None, None
         for _ in range(ATTEMPTS):
             above, below = self.outputs(h), self.outputs(-h)
-            found = [self.change(y) for y in (above, below) if y is not None]
-            if not found:
+            changes = [self.change(y) for y in (above, below) if y is not None]
+            if not changes:
                 h *= 0.1
                 continue
-            size = max(found)
+            size = max(changes)
             if LEAST <= size <= MOST:
                 break
             wanted = h * float(np.clip(AIM / size if size > 0.0 else RAISED, 1e-4, RAISED))

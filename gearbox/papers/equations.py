@@ -137,11 +137,11 @@ def _surface() -> Iterator[PaperRow]:
         SOLVED,
     )
     surface = ResponseSurface.from_coefficients(cube, list(EQ_18.values()))
-    found = one_at_a_time(surface, cube, levels=9, vectorised=True)
+    effects = one_at_a_time(surface, cube, levels=9, vectorised=True)
     swept = [
         np.ptp([eq_18(tuple(np.where(np.arange(3) == i, v, 0.5))) for v in np.linspace(0.0, 1.0, 9)]) for i in range(3)
     ]
-    yield _row("Eqs. 9, 10", "S = ∂R/∂p_i, chosen p_s", "surrogate.one_at_a_time", _apart(found.ranges, swept),
+    yield _row("Eqs. 9, 10", "S = ∂R/∂p_i, chosen p_s", "surrogate.one_at_a_time", _apart(effects.ranges, swept),
                "ranges over the bounds of Table 3 in place of derivatives, as Fig. 8 draws them")  # fmt: skip
     pairs = sum(1 for p in polynomial_terms(3, 3, "eq11").exponents if sorted(p) == [0, 1, 2])
     yield _row("Eq. 11 as printed", "Σ_(i>j) a_ijj p_i p_j²", "surrogate.polynomial_terms", abs(pairs - 3.0),
@@ -192,11 +192,11 @@ def _fireflies() -> Iterator[PaperRow]:
     surface = ResponseSurface.from_coefficients(cube, list(EQ_18.values()))
     grid = np.linspace(0.0, 1.0, 101)
     best = float(surface(np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)).max())
-    found = maximise(surface, cube, seed=0).value
+    maximum = maximise(surface, cube, seed=0).value
     yield _row(
         "Eqs. 12, 20",
         "max f, 0 ≤ t_i ≤ 1",
         "surrogate.maximise",
-        max(best - found, 0.0),
+        max(best - maximum, 0.0),
         "against a grid of 101³ points",
     )

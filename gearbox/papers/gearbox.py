@@ -253,14 +253,14 @@ def _table_6(progress: Progress) -> PaperChapter:
                     basis="printed to 0.1 Hz, multiples of a rounded one",
                 )
             )
-        found = {}
+        by_housing = {}
         for housing, stage in stages.items():
             signals = stage.vibration({}, condition, 0.5)
-            found[housing] = {axis: main_components(signals[axis], mesh) for axis in SEAT_AXES}
+            by_housing[housing] = {axis: main_components(signals[axis], mesh) for axis in SEAT_AXES}
             figure = "gear-figs-5-6" if name == "base" else f"gear-fig-11-{name.replace(' ', '-')}"
             figures[f"{figure}-{housing}"] = _signal_and_spectrum(signals[SEAT_AXES[0]], condition, housing)
-        common = {h: {a: len({1, 2, 3} & set(c.orders)) for a, c in by.items()} for h, by in found.items()}
-        for housing, by_axis in found.items():
+        common = {h: {a: len({1, 2, 3} & set(c.orders)) for a, c in by.items()} for h, by in by_housing.items()}
+        for housing, by_axis in by_housing.items():
             main = by_axis[SEAT_AXES[0]]
             others = [n for h, by in common.items() for a, n in by.items() if (h, a) != (housing, SEAT_AXES[0])]
             axes = "; ".join(f"{a[-1]}: {', '.join(map(str, sorted(c.orders)))}" for a, c in by_axis.items())
@@ -276,7 +276,7 @@ def _table_6(progress: Progress) -> PaperChapter:
                     why="which mesh orders lead is up to housing and axis, which the paper does not give",
                 )
             )
-        worst = max(c.worst for by in found.values() for c in by.values())
+        worst = max(c.worst for by in by_housing.values() for c in by.values())
         rows.append(
             claimed(
                 f"main components are multiples of the mesh frequency, {name}",

@@ -182,11 +182,11 @@ class _Fit:
         def residual(x: Array) -> Array:
             nonlocal asked, count
             asked += len(self.chain.identify)
-            found = self.numbers([x])[0]
-            if found is None:  # the search takes a shorter step
+            numbers = self.numbers([x])[0]
+            if numbers is None:  # the search takes a shorter step
                 return np.full(count, FAR)
-            count = found.size
-            return found
+            count = numbers.size
+            return numbers
 
         def jacobian(x: Array) -> Array:
             nonlocal asked
@@ -198,12 +198,12 @@ class _Fit:
             rows = [np.zeros(count) if m is None else (m - here) / s for m, s in zip(moved, steps, strict=True)]
             return np.array(rows).T
 
-        found = least_squares(
+        fit = least_squares(
             residual, np.clip(begin, 0.02, 0.98), jac=jacobian, bounds=(0.0, 1.0), xtol=1e-3, ftol=1e-4, max_nfev=25
         )
         lines = float((np.abs(self.chain.amplitudes.target()) ** 2).sum())
         rises = len(self.means) if self.way.encoders else 0  # scaled to a mean square of one
-        return found.x, 2.0 * float(found.cost) / (lines + rises), asked
+        return fit.x, 2.0 * float(fit.cost) / (lines + rises), asked
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

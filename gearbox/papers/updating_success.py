@@ -337,8 +337,8 @@ def success_chapter(
         progress(f"{housing} housing, {name}")
         rows += _rows(name, of(inside if clean else made, designs, way), printed=way == "similarity")
     for name, recordings in (("truth inside the model", inside), ("errors of manufacturing", made)):
-        found = lost_directions(housing, recordings, progress, kept)
-        for information in found:
+        directions = lost_directions(housing, recordings, progress, kept)
+        for information in directions:
             lost = "; ".join(information.words(i) for i in information.lost)
             rows.append(
                 claimed(
@@ -347,7 +347,7 @@ def success_chapter(
                     lost or "none",
                     len(information.lost),
                     high=0,
-                    otherwise=[len(other.lost) for other in found],
+                    otherwise=[len(other.lost) for other in directions],
                     bar="two mesh lines in the band, less a lag and a gain, determine at most two numbers; "
                     "model error counts as noise"
                     if lost

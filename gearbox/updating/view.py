@@ -33,13 +33,13 @@ def updating_view(folder: str | Path) -> Callable[[Mapping[str, float]], Entry]:
     if not file.is_file():
         raise ValueError(f"{folder}: there is no updating.json in this folder: run vtsdt update-gearbox first")
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        update = json.loads(file.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(f"{file}: this is no result of vtsdt update-gearbox: {error}") from error
-    missing = [k for k in ("sentence", "spectra", "conditions", "parameters") if k not in found]
+    missing = [k for k in ("sentence", "spectra", "conditions", "parameters") if k not in update]
     if missing:
         raise ValueError(f"{file}: the entry '{missing[0]}' is missing: run vtsdt update-gearbox again")
-    return lambda at: _view(folder, found)
+    return lambda at: _view(folder, update)
 
 
 def _view(folder: Path, found: Entry) -> Entry:

@@ -48,10 +48,10 @@ ALIKE = frozenset(("min", "max", "hypot", "fmod"))
 @lru_cache(maxsize=512)
 def _of_unit(unit: str) -> Dimension:
     try:
-        found = base_exponents(unit or "1")
+        exponents = base_exponents(unit or "1")
     except UnitError:
         return None  # what is wrong with the unit is a fault of the declaration
-    return tuple(Fraction(found.get(name, 0)) for name in BASE)  # an angle is a number
+    return tuple(Fraction(exponents.get(name, 0)) for name in BASE)  # an angle is a number
 
 
 def _in_words(dimension: Dimension) -> str:
@@ -289,13 +289,13 @@ def _declared(
     name: str, component: Component
 ) -> tuple[dict[str, Dimension], dict[str, tuple[Table, Dimension, Dimension]]]:
     known: dict[str, Dimension] = {"t": _of_unit("s"), "p": None}
-    found: dict[str, tuple[Table, Dimension, Dimension]] = {}
+    tables: dict[str, tuple[Table, Dimension, Dimension]] = {}
     for key, item in component.declarations.items():
         if isinstance(item, Port):
             known |= {variable(name, key, what): _of_unit(unit) for what, unit in item.units.items()}
         elif isinstance(item, Table):
             along = None if key in component.units_by_option else _of_unit(item.x_unit)
-            found[variable(name, key, "_start")] = item, along, _of_unit(item.unit)
+            tables[variable(name, key, "_start")] = item, along, _of_unit(item.unit)
         elif key in component.units_by_option:
             known[variable(name, key)] = None
         elif isinstance(item, Parameter | State | Input | Output | Unknown) and not isinstance(item, Option):
@@ -304,7 +304,7 @@ def _declared(
                 known[variable(name, "_der", key)] = _of_unit(f"({item.unit or '1'})/s")
             elif isinstance(item, Unknown):
                 known[variable(name, "_zero", key)] = None  # what vanishes may be of any kind
-    return known, found
+    return known, tables
 
 
 def _in_order(statements: list[Statement]) -> list[Statement]:
@@ -339,7 +339,7 @@ def component_dimension_faults(name: str, component: Component) -> tuple[str, ..
     >>> component_dimension_faults("spring", SpringDamper(stiffness=1.0, damping=1.0))
     ()
     """
-    known, found = _declared(name, component)
+    known, tables = _declared(name, component)
     faults: dict[str, None] = {}
     for method in ("equations", "coupling", "coupling_inverse"):
         kernels: dict[str, Callable[..., Any]] = {}
@@ -347,7 +347,7 @@ def component_dimension_faults(name: str, component: Component) -> tuple[str, ..
             statements = method_statements(Scope(name, component, kernels), method)
         except EquationError:
             continue
-        checker = _Checker(known=dict(known), tables=found, kernels=kernels, faults=faults)
+        checker = _Checker(known=dict(known), tables=tables, kernels=kernels, faults=faults)
         for statement in _in_order(statements):
             checker.statements(statement.nodes, statement.origin)
     return tuple(faults)

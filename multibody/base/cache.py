@@ -56,11 +56,11 @@ def _refuse_foreign(folder: Path) -> None:
         return
     real = folder.resolve()
     for path in (real, *real.parents):
-        found = path.stat()
-        others = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-        if path == real and found.st_uid != os.getuid():
+        status = path.stat()
+        others = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        if path == real and status.st_uid != os.getuid():
             fault = "belongs to another user"
-        elif others and (path == real or not found.st_mode & stat.S_ISVTX):
+        elif others and (path == real or not status.st_mode & stat.S_ISVTX):
             fault = f"lies in '{path}', which others can write to" if path != real else "can be written to by others"
         else:
             continue

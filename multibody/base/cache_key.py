@@ -72,8 +72,8 @@ def _write_new(path: Path) -> None:
 
 
 def _refuse_foreign(path: Path, content: bytes) -> None:
-    found = path.stat()
-    if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)):
+    status = path.stat()
+    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IRWXG | stat.S_IRWXO)):
         fault = "can be read or written by others"
     elif len(content) != _LENGTH:
         fault = f"is damaged: {len(content)} bytes long, not {_LENGTH}"

@@ -16,18 +16,18 @@ NO_LIMIT = 1 << 60
 def machine_memory() -> float:
     """Return how many bytes this process could have: those of the machine, or of a container or a resource limit."""
     try:
-        found = [float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))]
+        sizes = [float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))]
     except (AttributeError, ValueError, OSError):  # not known everywhere
-        found = [8.0 * 2**30]
+        sizes = [8.0 * 2**30]
     try:
         import resource
     except ImportError:  # not on Windows
         pass
     else:
         limits = (resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA))
-        found += [float(limit) for limit in limits if limit != resource.RLIM_INFINITY]
+        sizes += [float(limit) for limit in limits if limit != resource.RLIM_INFINITY]
     container = container_limit()
-    return min(found if container is None else [*found, float(container)])
+    return min(sizes if container is None else [*sizes, float(container)])
 
 
 def address_space_limit() -> int | None:
@@ -49,7 +49,7 @@ def container_limit(root: Path = Path("/")) -> int | None:
     root : Path
         Where ``proc`` and ``sys`` are.
     """
-    found = []
+    limits = []
     with suppress(OSError, ValueError):
         for line in (root / "proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             controllers, own = line.split(":", 2)[1:]
@@ -63,5 +63,5 @@ def container_limit(root: Path = Path("/")) -> int | None:
             for group in (place, *place.parents):  # a group is limited by those that it is in
                 if group.is_relative_to(folder):
                     with suppress(OSError, ValueError):  # a container sees its own only; "max" is no limit
-                        found.append(int((group / name).read_text(encoding="ascii")))
-    return min((limit for limit in found if limit < NO_LIMIT), default=None)
+                        limits.append(int((group / name).read_text(encoding="ascii")))
+    return min((limit for limit in limits if limit < NO_LIMIT), default=None)

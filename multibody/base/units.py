@@ -173,10 +173,10 @@ def base_exponents(unit: str) -> dict[str, int]:
     {'kg': 1, 'm': 2, 's': -2, 'rad': -1}
     """
     base = dict(_registry().Quantity(1.0, _unit(unit)).to_base_units().unit_items())
-    found = {symbol: base.get(name, 0) for name, symbol in _BASE.items()}
-    if any(power != int(power) for power in found.values()):
+    exponents = {symbol: base.get(name, 0) for name, symbol in _BASE.items()}
+    if any(power != int(power) for power in exponents.values()):
         raise UnitError(f"'{unit}' has a broken power of a base unit")
-    return {symbol: int(power) for symbol, power in found.items() if power}
+    return {symbol: int(power) for symbol, power in exponents.items() if power}
 
 
 def quantity(value: Any, unit: str) -> float:

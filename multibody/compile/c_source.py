@@ -135,10 +135,10 @@ def _read(function: ast.FunctionDef) -> set[str]:
             if isinstance(node, ast.Assign) and read and all(_unread(t, read) for t in node.targets):
                 dead |= {id(n) for n in ast.walk(node.value)}
         names = (n for n in ast.walk(function) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
-        found = {n.id for n in names if id(n) not in dead}
-        if found == read:
+        names_read = {n.id for n in names if id(n) not in dead}
+        if names_read == read:
             return read
-        read = found
+        read = names_read
 
 
 class _Function:

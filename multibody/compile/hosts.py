@@ -35,8 +35,8 @@ class Host(Protocol):
 
 def hosts_in(names: dict[str, Any]) -> tuple[Host, ...]:
     """Return the hosts that the equations of a module ask, by the module's names."""
-    found = {id(v): v for name, v in names.items() if name.endswith("_host") and v is not None}
-    return tuple(found.values())
+    hosts = {id(v): v for name, v in names.items() if name.endswith("_host") and v is not None}
+    return tuple(hosts.values())
 
 
 def constants_in(names: dict[str, Any]) -> tuple[str, ...]:

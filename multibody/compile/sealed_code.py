@@ -37,8 +37,8 @@ class _SealedCache(_Cache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        found = read_object(self._path(sig, target_context.codegen()))
-        return None if found is None else CompileResult._rebuild(target_context, *pickle.loads(found[0]))
+        overload = read_object(self._path(sig, target_context.codegen()))
+        return None if overload is None else CompileResult._rebuild(target_context, *pickle.loads(overload[0]))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if not (data.lifted or data.library.has_dynamic_globals):  # such code holds addresses of this process

@@ -256,14 +256,14 @@ class RunningUnit:
         }
         if self.unit.derivatives:
             names["directional"] = ("GetDirectionalDerivative", (whole,) * (7 if second else 9))
-        prefix, found = "fmi2" if second else "fmi3", {}
+        prefix, functions = "fmi2" if second else "fmi3", {}
         for own, (name, arguments) in names.items():
             try:
                 address = ctypes.cast(self.fmu.dll[f"{prefix}{name}"], ctypes.c_void_p).value
             except AttributeError as error:
                 raise FmuError(f"its library has no function {prefix}{name}") from error
-            found[own] = ctypes.CFUNCTYPE(ctypes.c_int32, *arguments)(address or 0), arguments
-        return found
+            functions[own] = ctypes.CFUNCTYPE(ctypes.c_int32, *arguments)(address or 0), arguments
+        return functions
 
 
 def _scales(variables: tuple[ForeignVariable, ...], before: int) -> tuple[np.ndarray, np.ndarray]:
@@ -281,10 +281,10 @@ def _reserved(size: int) -> int:
     call.restype = ctypes.c_void_p
     call.argtypes = [ctypes.c_void_p, ctypes.c_size_t, *[ctypes.c_int] * 3, ctypes.c_long]
     kind = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
-    found = call(_TABLE_AT, size, mmap.PROT_READ | mmap.PROT_WRITE, kind, -1, 0)
-    if found in (None, ctypes.c_void_p(-1).value):
+    address = call(_TABLE_AT, size, mmap.PROT_READ | mmap.PROT_WRITE, kind, -1, 0)
+    if address in (None, ctypes.c_void_p(-1).value):
         raise MemoryError("there is no memory for the table of a unit")
-    return int(found)
+    return int(address)
 
 
 def _question(unit: RunningUnit) -> Callable[[int, np.ndarray, np.ndarray], None]:

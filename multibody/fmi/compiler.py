@@ -22,8 +22,8 @@ def c_compiler() -> list[str] | None:
     """Return the command of the C compiler (``CC``, else ``cc``, ``gcc`` or ``clang``), None where there is none."""
     if given := os.environ.get("CC"):
         return shlex.split(given)
-    found = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
-    return [found] if found else None
+    compiler = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
+    return [compiler] if compiler else None
 
 
 def binary_folder(fmi_version: str) -> tuple[str, str]:

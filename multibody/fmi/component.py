@@ -278,16 +278,16 @@ def _flanges(text: str, unit: ForeignUnit) -> list[_Flange]:
         if missing := [k for k in _KEYS if k not in given]:
             faults.append(f"{where}: {' and '.join(missing)} missing: say which variable it is")
         faults += [f"{where}: there is no key '{k}'{nearest(k, _KEYS)}" for k in given if k not in _KEYS]
-        found = {}
+        variables = {}
         for key, kind, known in (("force", "input", driven), ("motion", "output", shown), ("rate", "output", shown)):
             if key in given and given[key] not in known:
                 faults.append(f"{where}, {key}: '{unit.name}' has no {kind} '{given[key]}'{nearest(given[key], known)}")
             elif key in given:
-                found[key] = known[given[key]]
-        if len(found) == len(_KEYS):
-            flanges.append(_Flange(name.strip(), **found))
+                variables[key] = known[given[key]]
+        if len(variables) == len(_KEYS):
+            flanges.append(_Flange(name.strip(), **variables))
             for key in ("motion", "rate"):
-                if found[key] in unit.outputs and found["force"].reference in _inputs_of(found[key], unit):
+                if variables[key] in unit.outputs and variables["force"].reference in _inputs_of(variables[key], unit):
                     faults.append(f"{where}, {key}: '{given[key]}' depends on the force at the same instant")
     if faults:
         raise FmuError(f"'{unit.path.name}' cannot be used:\n" + "\n".join(f"  - {f}" for f in faults))

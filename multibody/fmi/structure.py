@@ -61,9 +61,9 @@ class _Reader:
         for node in nodes:
             match node:
                 case ast.Assign(targets=targets, value=value):
-                    found = self.of(value) | condition
+                    sources = self.of(value) | condition
                     for target in targets:
-                        self._assign(target, found, bool(condition))
+                        self._assign(target, sources, bool(condition))
                 case ast.AugAssign(target=target, value=value):
                     self._assign(target, self.of(value) | condition, True)
                 case ast.If(test=test, body=body, orelse=orelse):
@@ -72,14 +72,14 @@ class _Reader:
                     self.block(body, inside)
                     after, self.known = self.known, before
                     self.block(orelse, inside)
-                    for name, found in after.items():
-                        self.known[name] = self.known.get(name, _NOTHING) | found
+                    for name, sources in after.items():
+                        self.known[name] = self.known.get(name, _NOTHING) | sources
                 case ast.For(body=body) | ast.While(body=body):
                     while True:  # what a turn leaves behind enters the next
                         before = dict(self.known)
                         self.block(body, condition)
-                        for name, found in before.items():
-                            self.known[name] = self.known.get(name, _NOTHING) | found
+                        for name, sources in before.items():
+                            self.known[name] = self.known.get(name, _NOTHING) | sources
                         if self.known == before:
                             break
 

@@ -23,7 +23,7 @@ def driving_signals(model: ModelGraph) -> dict[str, list[str]]:
     >>> driving_signals(model)
     {'control.output': ['motor.torque']}
     """
-    found: dict[str, list[str]] = {}
+    signals: dict[str, list[str]] = {}
     for ends in model.connections:
         places = [(end, location) for end in ends if (location := model.find(end)) is not None]
         sources = [
@@ -39,5 +39,5 @@ def driving_signals(model: ModelGraph) -> dict[str, list[str]]:
             if isinstance(at.component.declarations.get(at.item), Input) and at.component.of_kind(Port)
         ]
         if sources and driven:
-            found.setdefault(sources[0], []).extend(driven)
-    return found
+            signals.setdefault(sources[0], []).extend(driven)
+    return signals

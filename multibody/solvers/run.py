@@ -120,18 +120,18 @@ def _elsewhere(
         else:
             samples.receive(begin, samples.times[begin:end], piece)
 
-    found = problem.rhs.run(_solved, there, t_span, x0, method, times, given, stiff_problem, receive=receive)
-    found["message"] = StopMessage(found["message"], Stop(found.pop("stop")))
-    where = float(found["t"][-1]), found["y"][: problem.n, -1]
-    if found["status"] < 0 and problem.explain is not None and (text := problem.explain(*where)):
-        found["message"] = StopMessage(text, Stop.NOT_FINITE)
-    longest, steps = found.pop("longest"), found.pop("history")
+    result = problem.rhs.run(_solved, there, t_span, x0, method, times, given, stiff_problem, receive=receive)
+    result["message"] = StopMessage(result["message"], Stop(result.pop("stop")))
+    where = float(result["t"][-1]), result["y"][: problem.n, -1]
+    if result["status"] < 0 and problem.explain is not None and (text := problem.explain(*where)):
+        result["message"] = StopMessage(text, Stop.NOT_FINITE)
+    longest, steps = result.pop("longest"), result.pop("history")
     if samples is not None:
         samples.longest = longest
     if history is not None:
         history[:] = [(float(t), str(name)) for t, name in steps]
     whole: Any = OptimizeResult  # SciPy's stubs do not know what solve_ivp puts into it
-    return whole(t_events=None, y_events=None, sol=None, success=found["status"] >= 0, **found)
+    return whole(t_events=None, y_events=None, sol=None, success=result["status"] >= 0, **result)
 
 
 def _solved(

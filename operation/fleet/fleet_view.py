@@ -53,7 +53,7 @@ def fleet_view(states: Mapping[str, MachineState], share: float = 0.7) -> dict[s
         Of the machines that the threshold covers; the paper takes 0.7.
     """
     names = dict.fromkeys(n for s in states.values() for n, t in s.traces.items() if t.level is not None)
-    found = {}
+    quantities = {}
     for name in names:
         own = {m: s.traces[name] for m, s in states.items() if name in s.traces}
         now = {m: t.now for m, t in own.items() if math.isfinite(t.now[1])}
@@ -62,7 +62,7 @@ def fleet_view(states: Mapping[str, MachineState], share: float = 0.7) -> dict[s
         machines = list(now)
         values, stds = (np.array([now[m][k] for m in machines]) for k in (0, 1))
         level, interval = share_level(values, share)
-        found[name] = FleetQuantity(
+        quantities[name] = FleetQuantity(
             name=name,
             unit=next(iter(own.values())).unit,
             prior=fleet_prior(values, stds),
@@ -71,7 +71,7 @@ def fleet_view(states: Mapping[str, MachineState], share: float = 0.7) -> dict[s
             share=share,
             outside=tuple((machines[k], away) for k, away in outliers(values, stds)),
         )
-    return found
+    return quantities
 
 
 def fleet_priors(states: Mapping[str, MachineState]) -> dict[str, tuple[float, float]]:

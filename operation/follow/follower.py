@@ -71,9 +71,9 @@ def record_time(path: Path, stamp: str) -> float:
     """
     if stamp:
         pattern = re.sub(r"%([A-Za-z])", lambda m: _DIRECTIVES.get(m[1], r"\w+"), re.escape(stamp).replace(r"\%", "%"))
-        found = re.search(pattern, path.name)
-        if found:
-            return float(calendar.timegm(time.strptime(found[0], stamp)))
+        match = re.search(pattern, path.name)
+        if match:
+            return float(calendar.timegm(time.strptime(match[0], stamp)))
     return path.stat().st_mtime
 
 
@@ -187,9 +187,9 @@ class Follower:
             f"{change.quantity} has changed: search for what has come in, on {count_text(len(series), 'record')}"
         )
         template = read_problem(self.study, recordings=[path])
-        found = name_effect(problem_of_series(template, series), reference_priors(state, change.since))
-        subject = ", ".join(f"{e['kind']}@{e['where']}" for e in found["effects"]) or found["verdict"]
-        event = Event(kind="named", subject=subject, at=change.since, raised=change.raised, detail=found)
+        diagnosis = name_effect(problem_of_series(template, series), reference_priors(state, change.since))
+        subject = ", ".join(f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]) or diagnosis["verdict"]
+        event = Event(kind="named", subject=subject, at=change.since, raised=change.raised, detail=diagnosis)
         return [event] if self.store.add_event(machine, event) else []
 
     def send(self) -> int:

@@ -161,8 +161,8 @@ def _checks(stage: Stage) -> dict[str, Any]:
 
     checks = predictive_checks(StageLikelihood(stage=stage))
     by_output = checks_by_output(checks, stage.identify.fits)
-    for output, found in by_output.items():
-        found["passed"] = all(c.passed for c in checks if c.output == output)
+    for output, check in by_output.items():
+        check["passed"] = all(c.passed for c in checks if c.output == output)
     return by_output
 
 
@@ -177,7 +177,7 @@ def _virtual(stage: Stage, names: Sequence[str]) -> dict[str, np.ndarray]:
         raise StudyError([f"[follow] virtual: the model has no output '{n}'{nearest(n, known)}" for n in unknown])
     system = stage.model.build(outputs=list(names))
     p = system.parameter_vector({n: float(stage.p[stage.system.index("parameter", n)]) for n in system.parameter_names})
-    found: dict[str, list[np.ndarray]] = {n: [] for n in names}
+    runs: dict[str, list[np.ndarray]] = {n: [] for n in names}
     for f in stage.identify.fits:
         e = f.experiment
         x0 = e.start_vector(system)
@@ -191,8 +191,8 @@ def _virtual(stage: Stage, names: Sequence[str]) -> dict[str, np.ndarray]:
             times=e.record.time,
         )
         for n in names:
-            found[n].append(run[n])
-    return {n: np.concatenate(parts) for n, parts in found.items()}
+            runs[n].append(run[n])
+    return {n: np.concatenate(parts) for n, parts in runs.items()}
 
 
 def _series(records: Sequence[Record]) -> pandas.DataFrame:

@@ -82,7 +82,7 @@ def name_effect(problem: Problem, priors: Mapping[str, tuple[float, float]], see
 
     study = Study(replace(with_priors(problem, dict(priors)), seed=seed))
     conclusion = study.diagnose()
-    found = to_diagnosis(conclusion)
+    diagnosis = to_diagnosis(conclusion)
     kept = ("kind", "where", "parameters", "probability", "p_value")
-    effects = [{k: e[k] for k in kept if k in e} for e in found["effects"]]
-    return {"verdict": found["verdict"], "sentence": conclusion.sentence, "effects": effects}
+    effects = [{k: e[k] for k in kept if k in e} for e in diagnosis["effects"]]
+    return {"verdict": diagnosis["verdict"], "sentence": conclusion.sentence, "effects": effects}

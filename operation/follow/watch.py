@@ -223,14 +223,14 @@ def _trace(
         charted[~np.isfinite(stds) | (times < reference_from)] = np.nan
         conditions = _conditions(own)
         first = int(np.searchsorted(times, reference_from))
-        found = []
+        found_changes = []
         begin = first
         chart = control_chart(charted, per_alarm, conditions)
         ends = [*(later.since for later in chart[1:]), values.size][: len(chart)]
         for c, end in zip(chart, ends, strict=True):
             end = max(end, c.found + 1)
             size = change_size(times[:end], charted[:end], c.since, begin)
-            found.append(
+            found_changes.append(
                 FoundChange(
                     quantity=name,
                     kind=kind,
@@ -242,7 +242,7 @@ def _trace(
                 )
             )
             begin = c.since
-        changes = tuple(found)
+        changes = tuple(found_changes)
         end = changes[0].change.since if changes else values.size
         reference = float(np.median(values[first:end])) if end > first else reference
     return Trace(

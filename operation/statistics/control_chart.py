@@ -124,10 +124,10 @@ def control_chart(
     while start < kept.size:
         rows = kept[start:]
         u = standardised_residuals(values[rows], None if covariates is None else np.asarray(covariates)[rows])
-        found = _first_passage(prediction_errors(u, earlier), limit)
-        if found is None:
+        passage = _first_passage(prediction_errors(u, earlier), limit)
+        if passage is None:
             break
-        at, since, up, size = found
+        at, since, up, size = passage
         changes.append(Change(found=int(rows[at]), since=int(rows[since]), up=bool(up), statistic=float(size)))
         earlier.append(u[: at + 1])
         start += at + 1  # not from the change point on: those records were chosen because they lie on one side

@@ -141,14 +141,14 @@ def outliers(values: np.ndarray, stds: np.ndarray, level: float = 0.05) -> Seque
     from scipy.stats import t
 
     known = np.flatnonzero(np.isfinite(values) & np.isfinite(stds))
-    found: list[tuple[int, float]] = []
+    outlying: list[tuple[int, float]] = []
     if known.size < 5:
-        return found
+        return outlying
     limit = float(t.isf(0.5 * level / known.size, known.size - 2))
     for k in known:
         rest = known[known != k]
         prior = fleet_prior(np.asarray(values)[rest], np.asarray(stds)[rest])
         away = (float(values[k]) - prior.mean) / max(float(np.hypot(prior.std, stds[k])), 1e-300)
         if abs(away) > limit:
-            found.append((int(k), away))
-    return sorted(found, key=lambda one: -abs(one[1]))
+            outlying.append((int(k), away))
+    return sorted(outlying, key=lambda one: -abs(one[1]))

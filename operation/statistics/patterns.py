@@ -65,7 +65,7 @@ def _evidences(
     from scipy.stats import multivariate_normal, norm
 
     d, sigma = np.asarray(change, dtype=float), np.asarray(covariance, dtype=float)
-    found: dict[str, tuple[float, float, float]] = {}
+    evidences: dict[str, tuple[float, float, float]] = {}
     for name, cause in causes.items():
         s = np.asarray(cause.pattern, dtype=float)
         whole = sigma + cause.size**2 * np.outer(s, s)
@@ -75,10 +75,10 @@ def _evidences(
         std = float(np.sqrt(max(variance, 0.0)))
         if cause.sign:  # half of the prior, and the part of the posterior that lies on that side
             evidence += np.log(2.0) + float(norm.logcdf(cause.sign * amount / max(std, 1e-300)))
-        found[name] = evidence, amount, std
+        evidences[name] = evidence, amount, std
     other = sigma + np.diag(np.asarray(usual, dtype=float) ** 2)
-    found[SOMETHING_ELSE] = float(multivariate_normal.logpdf(d, cov=other)), float("nan"), float("nan")
-    return found
+    evidences[SOMETHING_ELSE] = float(multivariate_normal.logpdf(d, cov=other)), float("nan"), float("nan")
+    return evidences
 
 
 def explain_courses(
@@ -122,15 +122,15 @@ def explain_courses(
     noise = best[1].T @ best[1] / max(len(rows) - 2, 1)
     noise = (1.0 - shrinkage) * noise + shrinkage * np.diag(np.diag(noise)) + np.diag((1e-6 * scale) ** 2)
     precision = np.linalg.inv(noise)
-    found: dict[str, tuple[float, float, float]] = {}
+    by_cause: dict[str, tuple[float, float, float]] = {}
     for name, (change, rest, factor) in fits.items():
         wrong = pattern_error * float(np.max(np.abs(change / scale))) * scale
         fitted = -0.5 * float(np.sum((rest @ precision) * rest)) + 0.5 * float(np.linalg.slogdet(noise * factor)[1])
         evidences = _evidences(change, noise * factor + np.diag(wrong**2), causes[name], usual)
         for cause, (evidence, amount, std) in evidences.items():
-            if cause not in found or evidence + fitted > found[cause][0]:
-                found[cause] = evidence + fitted, amount, std
-    return _ranked(found)
+            if cause not in by_cause or evidence + fitted > by_cause[cause][0]:
+                by_cause[cause] = evidence + fitted, amount, std
+    return _ranked(by_cause)
 
 
 def _ranked(found: Mapping[str, tuple[float, float, float]]) -> tuple[Explanation, ...]:

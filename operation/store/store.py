@@ -128,10 +128,10 @@ class Store:
                 self._db.execute("INSERT INTO meta VALUES ('version', ?)", (str(VERSION),))
         if tables and "meta" not in tables:
             raise StoreError(f"{self.folder / NAME}: is the database of another program: name another folder")
-        found = self._db.execute("SELECT value FROM meta WHERE key = 'version'").fetchone()[0]
-        if found != str(VERSION):
+        version = self._db.execute("SELECT value FROM meta WHERE key = 'version'").fetchone()[0]
+        if version != str(VERSION):
             raise StoreError(
-                f"{self.folder}: the history is of version {found}, this program writes version {VERSION}: use the "
+                f"{self.folder}: the history is of version {version}, this program writes version {VERSION}: use the "
                 "program that wrote it, or begin a new folder"
             )
 

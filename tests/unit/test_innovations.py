@@ -9,7 +9,7 @@ import pytest
 
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_fit import (
-    WORTH,
+    PROCESS_PRICE,
     RecordColumns,
     fit_noise,
     restricted_log_likelihood,
@@ -299,7 +299,7 @@ def test_a_process_that_no_longer_earns_its_price_is_taken_out() -> None:
     (reduced, likelihood), (kept, before) = fitted(True), fitted(False)
     assert len(kept.processes) == 2
     assert reduced.processes == ()
-    assert likelihood > before - 2 * WORTH
+    assert likelihood > before - 2 * PROCESS_PRICE
     np.testing.assert_allclose(reduced.noise, [0.003, 0.02], rtol=0.1)  # of 400 samples: 1/√800 is 3.5 %
 
 

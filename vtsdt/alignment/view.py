@@ -35,10 +35,10 @@ def alignment_view(folder: str | Path) -> Callable[[Mapping[str, float]], Entry]
     file = folder / "alignment.json"
     if not file.is_file():
         raise ValueError(f"{folder}: there is no alignment.json in this folder: run vtsdt align --out {folder} first")
-    found = _read(file, ("height_m", "estimate_mm", "std_mm", "threshold_mm", "trips"))
+    columns = _read(file, ("height_m", "estimate_mm", "std_mm", "threshold_mm", "trips"))
     savings = next((f for f in (folder / "what-if.json", folder / "what-if" / "what-if.json") if f.is_file()), None)
     saved = _read(savings, ("threshold_mm", "sections", "actions")) if savings else None
-    return lambda at: _view(folder, found, saved, float(at.get("threshold", found["threshold_mm"])))
+    return lambda at: _view(folder, columns, saved, float(at.get("threshold", columns["threshold_mm"])))
 
 
 def _read(file: Path, keys: tuple[str, ...]) -> Entry:

@@ -39,11 +39,11 @@ def check_memory() -> None:
     CommandError
         If the address space or the container's memory is limited to less than the smallest diagnosis takes.
     """
-    found = (
+    limits = (
         (address_space_limit(), LEAST_ADDRESS_SPACE, "the address space of this process", "raise it (ulimit -v)"),
         (container_limit(), LEAST_IN_CONTAINER, "the memory of this container", "give the container more"),
     )
-    for limit, least, what, remedy in found:
+    for limit, least, what, remedy in limits:
         if limit is not None and limit < least:
             raise CommandError(
                 f"{what} is limited to {limit / 2**30:.3g} GiB, and the smallest diagnosis takes about "

@@ -51,7 +51,7 @@ def validate_fleet(args: Namespace) -> int:
             trends=(*DEVIATIONS, WORK),
             advice=lift_advice,
         )
-    found, rate = scores(years)
+    scored, rate = scores(years)
     content = {
         "synthetic": True,
         "lifts": fleet.lifts,
@@ -62,7 +62,7 @@ def validate_fleet(args: Namespace) -> int:
         "processor_seconds_per_visit": run.seconds_per_record if run.records else None,
         "failed": list(run.faults),
         "false_alarms": rate,
-        "scores": [_as_json(s, years) for s in found],
+        "scores": [_as_json(s, years) for s in scored],
         "machines": [
             {"machine": y.machine, "truth": y.truth, "begins": y.begins, "alarms": list(y.alarms), "named": y.named}
             for y in years
@@ -70,7 +70,7 @@ def validate_fleet(args: Namespace) -> int:
     }
     write_json_atomically(out / "fleet.json", content)
     if not args.quiet:
-        _print(found, rate, run, args.false_alarms)
+        _print(scored, rate, run, args.false_alarms)
         print(f"page: {page}")
     return 0
 

@@ -39,12 +39,12 @@ def judge_trips(trips: Sequence[Trip], lift: LiftParameters | None = None) -> di
         If the trips cannot be evaluated.
     """
     lift = lift or LiftParameters.bench()
-    found = align(trips, lift, observe=False)
-    delta = np.asarray(found.estimate)
+    alignment = align(trips, lift, observe=False)
+    delta = np.asarray(alignment.estimate)
     known = np.isfinite(delta)
-    height, delta = found.height[known], delta[known]
+    height, delta = alignment.height[known], delta[known]
     edges = np.linspace(height[0], height[-1], len(SECTIONS) + 1)
-    error = found.tension_error or 0.0
+    error = alignment.tension_error or 0.0
     work = [
         friction_loss(t.time, t.tension - error, t.acceleration, t.speed, lift.cabin.mass + t.payload) for t in trips
     ]

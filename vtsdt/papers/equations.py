@@ -81,10 +81,10 @@ def _model_rows() -> Iterator[PaperRow]:
     system = Lift.reference(bench).build()
     names, outputs = system.state_names, system.output_names
     rng = np.random.default_rng(SEED)
-    found: dict[str, list[tuple[Any, Any]]] = {}
+    compared: dict[str, list[tuple[Any, Any]]] = {}
 
     def note(equation: str, ours: Any, theirs: Any) -> None:
-        found.setdefault(equation, []).append((ours, theirs))
+        compared.setdefault(equation, []).append((ours, theirs))
 
     for _ in range(STATES):
         x = _random_state(bench, names, rng)
@@ -95,7 +95,7 @@ def _model_rows() -> Iterator[PaperRow]:
         _bodies(bench, s, rate, y, note)
         _ropes_and_pulley(bench, s, rate, y, float(u[1]), note)
         _machine(bench, s, rate, y, float(u[0]), note)
-    apart = {k: _apart([p[0] for p in pairs], [p[1] for p in pairs]) for k, pairs in found.items()}
+    apart = {k: _apart([p[0] for p in pairs], [p[1] for p in pairs]) for k, pairs in compared.items()}
     guide, rope, machine, control = (f"vtsdt.parts.{n}" for n in ("guide", "rope", "machine", "control"))
     body = "multibody.declare.rigid_body.RigidBody"
     yield _row("Eq. 1", "ΣF = m (a₀ + ω̇ × r + ω × (ω × r))", body, apart["1"], "both cars")

@@ -127,16 +127,16 @@ def table_2_chapter(progress: Progress) -> PaperChapter:
         sets.append(prepared(visit(0, number, count, parameters=nominal).records))
     cases.append((f"1 N, true parameters, {len(sets)} sets", sets, seen.parameters))
     cases.append((f"1 N, scaled model (Fig. 9), {len(sets)} sets", sets, bench.lift))
-    found: dict[str, list[Outcomes]] = {}
+    by_tuning: dict[str, list[Outcomes]] = {}
     for tuning in READINGS:
         progress(f"Table 2: tuning {tuning.name}")
-        found[tuning.name] = [Outcomes(tuple(outcome(t, lift, tuning) for t in trips)) for _, trips, lift in cases]
+        by_tuning[tuning.name] = [Outcomes(tuple(outcome(t, lift, tuning) for t in trips)) for _, trips, lift in cases]
     rounded = [dataclasses.replace(t, tension=t.tension * (1.0 + ROUNDING)) for t in bench.trips]
     again = {t.name: outcome(rounded, bench.lift, t) for t in (*READINGS[:2], TUNINGS[DEFAULT])}
     lines = [
         "| tuning | " + " | ".join(name for name, *_ in cases) + " |",
         "| --- |" + " --- |" * len(cases),
-        *(f"| {name} | " + " | ".join(o.text() for o in outcomes) + " |" for name, outcomes in found.items()),
+        *(f"| {name} | " + " | ".join(o.text() for o in outcomes) + " |" for name, outcomes in by_tuning.items()),
     ]
     text = (
         "Correlation of the estimate (median over trips, 0.1 to 1.8 m) with the true deviation of the virtual lift's "
@@ -151,7 +151,7 @@ def table_2_chapter(progress: Progress) -> PaperChapter:
         "of trips proves nothing. An R of z̈ that covers the force and a smaller Q of the lateral states "
         f"together mend it; the default tuning `{DEFAULT}` has both."
     )
-    rows = tuple(_rows(found, again))
+    rows = tuple(_rows(by_tuning, again))
     return PaperChapter(paper=PAPER, place="Table 2", title="tuning of the filter", rows=rows, text=text)
 
 

@@ -172,8 +172,8 @@ def other_benches() -> tuple[LiftParameters, ...]:
     of the cabin's rail are multiplied by drawn factors; draws that cannot meet the four figures are left out.
     """
     rng = np.random.default_rng(4)
-    found = (refitted(_drawn(LiftParameters.bench(), rng)) for _ in range(DRAWS))
-    return tuple(bench for bench in found if bench is not None)
+    benches = (refitted(_drawn(LiftParameters.bench(), rng)) for _ in range(DRAWS))
+    return tuple(bench for bench in benches if bench is not None)
 
 
 def _drawn(bench: LiftParameters, rng: np.random.Generator) -> LiftParameters:

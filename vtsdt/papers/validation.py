@@ -166,8 +166,8 @@ def to_markdown(
 
 def is_as_written(page: str) -> bool:
     """Whether a page is still as it was written, by the digest in its last line."""
-    body, found, digest = page.rstrip("\n").rpartition(f"\n{_SEAL}")
-    return bool(found) and _digest(body) == digest
+    body, seal, digest = page.rstrip("\n").rpartition(f"\n{_SEAL}")
+    return bool(seal) and _digest(body) == digest
 
 
 def _digest(body: str) -> str:

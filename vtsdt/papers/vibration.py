@@ -150,15 +150,15 @@ def figures_of(stage: Stage) -> dict[str, tuple[float, float]]:
     """Return RMSE and ρ of the trip held out by quantity of Table 3, low-passed at 60 Hz as there."""
     from discrepancy.questions.compare import compare
 
-    found = {}
+    figures = {}
     signals = {s.output: s for s in compare(stage).of("validate")}
     for name in PRINTED:
         s = signals["omega" if name == "alpha" else name]
         measured, model = (np.asarray(low_pass(s.time, y, LOW_PASS)) for y in (s.measured, s.model))
         if name == "alpha":
             measured, model = (np.gradient(y, s.time) for y in (measured, model))
-        found[name] = (rmse(measured, model), pearson(measured, model))
-    return found
+        figures[name] = (rmse(measured, model), pearson(measured, model))
+    return figures
 
 
 def chapters(progress: Progress, folder: Path | None = None) -> Iterator[PaperChapter]:
@@ -181,12 +181,12 @@ def chapters(progress: Progress, folder: Path | None = None) -> Iterator[PaperCh
         progress(f"vibration: gain of the speed control × {gain:g}")
         gains[gain] = _compared({"speed_gain": gain}, folder)[0]["a_c"][1]
     yield _failure(studies, quiet, gains, fresh)
-    found = {
+    diagnoses = {
         c.what: [_diagnosed(c, progress, folder, seed) for seed in (SEED, *(FRESH if c.repeated else ()))]
         for c in CAUSES
         if c.searched
     }
-    yield _found(found, studies, recalibrated)
+    yield _found(diagnoses, studies, recalibrated)
 
 
 Figures = dict[str, tuple[float, float]]

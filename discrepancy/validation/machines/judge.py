@@ -90,19 +90,19 @@ def judged(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Score:
     sets = [_set_of(effect, answer) for effect in named]
     hits = [any(_is_one_of(name, accept) for name in each for accept in accepted) for each in sets]
     unknown = answer["verdict"] in ("unknown effect", "partly explained")
-    found = _all_in(accepted, sets)
+    all_found = _all_in(accepted, sets)
     left_open = [] if sets else _left_open(answer)
     invented = len(hits) - sum(hits)
     right = {
         "none": not answer["effects"] and answer["verdict"] == "nothing missing",
         "outside": unknown and not named,
-    }.get(category, found and not invented)
+    }.get(category, all_found and not invented)
     statements = _statements(category, accepted, sets, answer, unknown)
     last, before = answer["stages"][-1]["validate"], answer["stages"][min(1, len(answer["stages"]) - 1)]["validate"]
     return Score(
         right=right,
         first=bool(named) and any(_is_one_of(sets[0][0], a) for a in accepted),
-        in_set=found or _all_in(accepted, left_open),
+        in_set=all_found or _all_in(accepted, left_open),
         set_size=sum(map(len, sets)) / len(sets) if sets else float(len(left_open)),
         invented=invented,
         confident_wrong=any(s.probability >= CONFIDENT and not s.true and "@" in s.said for s in statements),

@@ -136,8 +136,8 @@ def fitted_temperature(log_evidence: ArrayLike, true: ArrayLike) -> float:
         scaled = evidence / np.exp(log_temperature)
         return float(-log_softmax(scaled, axis=1)[np.arange(len(index)), index].mean())
 
-    found = minimize_scalar(loss, bounds=(math.log(TEMPERATURES[0]), math.log(TEMPERATURES[1])), method="bounded")
-    return float(np.exp(found.x))
+    minimum = minimize_scalar(loss, bounds=(math.log(TEMPERATURES[0]), math.log(TEMPERATURES[1])), method="bounded")
+    return float(np.exp(minimum.x))
 
 
 def reliability_figure(series: Sequence[tuple[str, ArrayLike, ArrayLike]]) -> Figure:

@@ -196,5 +196,5 @@ def _diagnosed(study: Path, out: Path, limits: Limits) -> tuple[dict[str, Any] |
     process.returncode = 0  # it has been waited for
     unit = 2.0**20 if sys.platform == "darwin" else 2.0**10
     answer = out / "diagnosis.json"
-    found = json.loads(answer.read_text()) if answer.is_file() else None
-    return found, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / unit
+    diagnosis = json.loads(answer.read_text()) if answer.is_file() else None
+    return diagnosis, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / unit

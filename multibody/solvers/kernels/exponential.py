@@ -196,7 +196,7 @@ def write_samples(c, clock, tally, size, y, k, left, right, rate, moved, result,
     """Write the samples inside the last step; return False when the buffer is full before its end.
 
     The cubic leaves the fast motion a little off the path to which it clings; one step of Newton's method along it
-    brings it back, or forces that hang on it would be wrong by λ times the cubic's error.
+    brings it back, or forces that depend on it would be wrong by λ times the cubic's error.
     """
     h = clock[STEP_OLD]
     f, f_new, y_new = k, shift(k, size), shift(k, 2 * size)
