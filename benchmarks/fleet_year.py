@@ -85,7 +85,7 @@ def page(content: Mapping[str, Any], seconds: float | None) -> str:
     if seconds is not None:
         yearly = seconds * content["visits"]
         cost = (
-            f"{seconds:.2f} s of processor time for a visit, simulation included: {yearly:.0f} s for a machine and year.\n"
+            f"{seconds:.2f} s of processor time for a visit, with its simulation: {yearly:.0f} s a machine and year.\n"
             f"Visits are judged independently of each other, so the time grows in proportion to the machines:\n"
             f"{200.0 * yearly / 60.0:.0f} minutes of one processor for 200 lifts."
         )
