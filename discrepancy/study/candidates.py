@@ -192,9 +192,14 @@ def named_effect(
     effect = known.effect(name)
     own: dict[str, float] = {}
     if strength is not None:
-        own = dict(strength) if isinstance(strength, Mapping) else dict.fromkeys(effect.strengths, float(strength))
+        own = dict(strength) if isinstance(strength, Mapping) else dict.fromkeys(effect.strengths, strength)
     faults = [f"no strength '{k}'{nearest(k, effect.strengths)}" for k in own if k not in effect.strengths]
     faults += [f"no parameter '{k}'{nearest(k, effect.shape)}" for k in shape or {} if k not in effect.shape]
+    faults += [
+        f"'{k}' is {value!r}: give a finite number, in SI"
+        for k, value in {**own, **(shape or {})}.items()
+        if not (isinstance(value, int | float | np.number) and np.isfinite(value))
+    ]
     if faults:
         raise ValueError(f"{name}: {'; '.join(faults)}")
     effect = replace(effect, strengths={**effect.strengths, **own}, shape={**effect.shape, **(shape or {})})

@@ -80,6 +80,8 @@ class Study(SearchState):
     cut: list[Snapshot] = field(default_factory=list, kw_only=True)
 
     def __post_init__(self) -> None:
+        if isinstance(self.problem, str | Path):
+            raise TypeError(f"Study takes a Problem: a study file is read by Study.from_file({str(self.problem)!r})")
         super().__post_init__()
         self.source = self.problem
 

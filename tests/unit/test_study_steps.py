@@ -117,6 +117,11 @@ def test_strengths_and_shapes_are_checked(stepped):
         study.add("coulomb_frition@guide")
     with pytest.raises(ValueError, match=r"no strength 'coulom'.*no parameter 'x'"):
         study.add(NAME, strength={"coulom": 1.0}, shape={"x": 1.0})
+    for strength in ("3 N", float("nan")):
+        with pytest.raises(ValueError, match="give a finite number, in SI"):
+            study.add(NAME, strength=strength)
+    with pytest.raises(TypeError, match=r"Study\.from_file\('axis/study\.toml'\)"):
+        Study("axis/study.toml")
     assert study.steps == []
 
 
