@@ -16,28 +16,7 @@ from operation.follow.watch import MachineState
 from operation.page.page import write_page
 from operation.store.store import Store, StoreError
 
-<<<<<<< HEAD
 __all__ = ["history"]
-=======
-__all__ = ["history", "states"]
-
-
-def states(store: Store, now: float | None = None) -> dict[str, MachineState]:
-    """Return the state of every machine of a store, with the settings of its study where that is there."""
-    path = store.folder / MACHINES
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    by_machine = {}
-    for machine in store.machines:
-        study = Path(known.get(machine, ""))
-        settings, priors = FollowSettings(machine=machine), {}
-        if study.is_file():
-            settings, priors = replace(read_settings(study), machine=machine), study_priors(study)
-        notes = [e.at for e in store.events(machine, "note") if e.detail.get("new_reference")]
-        by_machine[machine] = watch(
-            store.judgements(machine), settings, priors, reference_from=max(notes, default=float("-inf")), now=now
-        )
-    return by_machine
->>>>>>> house
 
 
 def history(args: Namespace) -> int:
@@ -62,11 +41,7 @@ def history(args: Namespace) -> int:
         if args.csv:
             store.to_frame([args.machine] if args.machine else None).to_csv(args.csv, index=False)
             return 0
-<<<<<<< HEAD
-        found = machine_states(store, time.time() if args.now else None)
-=======
-        current = states(store, time.time() if args.now else None)
->>>>>>> house
+        current = machine_states(store, time.time() if args.now else None)
         if args.machine:
             current = {args.machine: current[args.machine]}
         if args.page:
