@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,8 +135,11 @@ class InputTable:
         object.__setattr__(self, "delay_parameter", _view(self._kernel["delays"]))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        content = (self.times, self.values, self.names, self.interpolation, self.delay_parameter)
-        return InputTable, tuple(np.array(c) if isinstance(c, np.ndarray) else c for c in content)
+        content = {
+            name: getattr(self, name) for name in ("times", "values", "names", "interpolation", "delay_parameter")
+        }
+        copied = {name: np.array(c) if isinstance(c, np.ndarray) else c for name, c in content.items()}
+        return partial(InputTable, **copied), ()
 
     @classmethod
     def constant(cls, values: Mapping[str, float] | Sequence[float] | np.ndarray) -> InputTable:
