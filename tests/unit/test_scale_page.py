@@ -14,7 +14,7 @@ def test_the_page_has_the_slopes_of_kept_results(tmp_path: Path) -> None:
     keep, page = tmp_path / "kept.jsonl", tmp_path / "scale.md"
     costs = {1_000: (2.0, 0), 4_000: (8.0, 0), 10_000: (50.0, 2)}
     lines = [
-        json.dumps(["rows", n, {"processor": s, "wall": 2 * s, "peak": 1e9, "code": code}])
+        json.dumps(["rows", n, {"processor": s, "wall": 2 * s, "peak": 1e9, "code": code, "candidates": 31}])
         for n, (s, code) in costs.items()
     ]
     keep.write_text("\n".join(lines) + "\n")
@@ -23,7 +23,7 @@ def test_the_page_has_the_slopes_of_kept_results(tmp_path: Path) -> None:
         [sys.executable, str(ROOT / "benchmarks" / "scale.py"), *words], capture_output=True, text=True, cwd=ROOT
     )
     assert done.returncode == 1, done.stderr  # one of the runs had no result
-    assert "| 1000 | 2 | 4 | 1.00 |  | 0 |" in page.read_text()
-    assert "| 4000 | 8 | 16 | 1.00 | 1.00 | 0 |" in page.read_text()
-    assert "| 10000 | 50 | 100 | 1.00 | 2.00 | 2 |" in page.read_text()
+    assert "| 1000 | 31 | 2 | 4 | 1.00 |  | 0 |" in page.read_text()
+    assert "| 4000 | 31 | 8 | 16 | 1.00 | 1.00 | 0 |" in page.read_text()
+    assert "| 10000 | 31 | 50 | 100 | 1.00 | 2.00 | 2 |" in page.read_text()
     assert len(keep.read_text().splitlines()) == 3
