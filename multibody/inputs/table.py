@@ -135,10 +135,8 @@ class InputTable:
         object.__setattr__(self, "delay_parameter", _view(self._kernel["delays"]))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        content = {
-            name: getattr(self, name) for name in ("times", "values", "names", "interpolation", "delay_parameter")
-        }
-        copied = {name: np.array(c) if isinstance(c, np.ndarray) else c for name, c in content.items()}
+        given: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.init}
+        copied = {name: np.array(c) if isinstance(c, np.ndarray) else c for name, c in given.items()}
         return partial(InputTable, **copied), ()
 
     @classmethod
