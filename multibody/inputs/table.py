@@ -136,7 +136,7 @@ class InputTable:
 
     def __reduce__(self) -> tuple[Any, ...]:
         given: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.init}
-        copied = {name: np.array(c) if isinstance(c, np.ndarray) else c for name, c in given.items()}
+        copied: dict[str, Any] = {name: np.array(c) if isinstance(c, np.ndarray) else c for name, c in given.items()}
         return partial(InputTable, **copied), ()
 
     @classmethod
