@@ -235,6 +235,7 @@ def _simulated_piece(
         gave_up = error if error.stop is Stop.TOO_MANY_EVALUATIONS else None
         return np.tile(start, (time.size, 1)), float("inf"), gave_up
     outputs = np.column_stack([run[n] for n in experiment.outputs])
-    errors = np.sqrt(np.mean((outputs - reading.values[first : last + 1]) ** 2, axis=0))
+    with np.errstate(over="ignore"):  # what runs away is infinitely far
+        errors = np.sqrt(np.mean((outputs - reading.values[first : last + 1]) ** 2, axis=0))
     spread = np.maximum(np.std(reading.values, axis=0), reading.noise)
     return run.states, float(np.max(errors / spread)), None
