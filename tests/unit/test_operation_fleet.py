@@ -105,6 +105,22 @@ def test_causes_with_one_pattern_are_told_apart_by_their_course() -> None:
         assert best.interval()[0] < 1.5 < best.interval()[1]
 
 
+def test_the_units_of_the_quantities_change_no_probability() -> None:
+    """Metres beside newtons: variances of 1e-9 m² must not be taken for zero beside those of a few N²."""
+    units = np.array([1e-4, 1e-4, 1.0])
+    causes = {"a rail": np.array([1.0, 0.0, 0.0]), "the sensor": np.array([0.0, 0.0, 1.0])}
+    rows = 5.0 + np.outer(STEP, [0.0, 0.0, 3.0]) + 0.3 * np.random.default_rng(3).standard_normal((40, 3))
+
+    def explained_in(unit: np.ndarray) -> dict[str, float]:
+        given = {n: Cause(pattern=pattern * unit, size=4.0) for n, pattern in causes.items()}
+        found = explain_courses(rows * unit, {"at once": STEP}, {"at once": given}, 4.0 * unit, 0.15, 0.2)
+        return {e.cause: e.probability for e in found}
+
+    alike, mixed = explained_in(np.ones(3)), explained_in(units)
+    assert alike["the sensor"] > 0.9
+    assert mixed == pytest.approx(alike, rel=1e-9, abs=1e-12)
+
+
 def test_scores_of_years_with_known_truth() -> None:
     years = [
         MachineYear(machine="a", truth="wear", begins=100.0, days=365.0, alarms=(130.0, 200.0), named="wear"),
