@@ -64,15 +64,10 @@ def _evidences(
     """Return log evidence, amount and deviation of each cause and of "something else"."""
     from scipy.stats import multivariate_normal, norm
 
-<<<<<<< HEAD
-    d, sigma = np.asarray(change, dtype=float), np.asarray(covariance, dtype=float)
-    evidences: dict[str, tuple[float, float, float]] = {}
-=======
     # In units of usual changes: of quantities in metres and newtons the small variances would be taken for zero.
     unit = np.asarray(usual, dtype=float)
     d, sigma = np.asarray(change, dtype=float) / unit, np.asarray(covariance, dtype=float) / np.outer(unit, unit)
-    found: dict[str, tuple[float, float, float]] = {}
->>>>>>> doors
+    evidences: dict[str, tuple[float, float, float]] = {}
     for name, cause in causes.items():
         s = np.asarray(cause.pattern, dtype=float) / unit
         whole = sigma + cause.size**2 * np.outer(s, s)
@@ -82,17 +77,10 @@ def _evidences(
         std = float(np.sqrt(max(variance, 0.0)))
         if cause.sign:  # half of the prior, and the part of the posterior that lies on that side
             evidence += np.log(2.0) + float(norm.logcdf(cause.sign * amount / max(std, 1e-300)))
-<<<<<<< HEAD
         evidences[name] = evidence, amount, std
-    other = sigma + np.diag(np.asarray(usual, dtype=float) ** 2)
+    other = sigma + np.eye(len(unit))
     evidences[SOMETHING_ELSE] = float(multivariate_normal.logpdf(d, cov=other)), float("nan"), float("nan")
     return evidences
-=======
-        found[name] = evidence, amount, std
-    other = sigma + np.eye(len(unit))
-    found[SOMETHING_ELSE] = float(multivariate_normal.logpdf(d, cov=other)), float("nan"), float("nan")
-    return found
->>>>>>> doors
 
 
 def explain_courses(

@@ -86,7 +86,9 @@ def test_an_input_delay_is_found_between_samples(delay):
     frequencies = (2.0,)
     speed = sines(frequencies, delay, lambda omega: 1.0 / (1j * omega * MASS + DAMPING))
     signals = {
-        "force": RecordedSignal(sines(frequencies, 0.0), "N", "force", "N"),
+        "force": RecordedSignal(
+            values=sines(frequencies, 0.0), unit="N", column="force", given_unit="N"
+        ),
         "body.velocity": RecordedSignal(speed, "m/s", "speed", "m/s"),
     }
     experiment = Experiment(
