@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,8 +135,9 @@ class InputTable:
         object.__setattr__(self, "delay_parameter", _view(self._kernel["delays"]))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        content = (self.times, self.values, self.names, self.interpolation, self.delay_parameter)
-        return InputTable, tuple(np.array(c) if isinstance(c, np.ndarray) else c for c in content)
+        arrays = {"times": np.array(self.times), "values": np.array(self.values)}
+        rest = {"names": self.names, "interpolation": self.interpolation}
+        return partial(InputTable, **arrays, **rest, delay_parameter=np.array(self.delay_parameter)), ()
 
     @classmethod
     def constant(cls, values: Mapping[str, float] | Sequence[float] | np.ndarray) -> InputTable:
