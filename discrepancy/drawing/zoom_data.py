@@ -14,9 +14,9 @@ from multibody.base.thinning import extreme_rows_of
 if TYPE_CHECKING:
     from discrepancy.drawing.comparison_figure import ComparedSignal
 
-__all__ = ["MOST", "zoom_figure"]
+__all__ = ["MOST_LINE_ROWS", "zoom_figure"]
 
-MOST = 1200  # rows of each line: two in a column of pixels on a wide screen
+MOST_LINE_ROWS = 1200  # rows of each line: two in a column of pixels on a wide screen
 
 
 def zoom_figure(
@@ -26,7 +26,7 @@ def zoom_figure(
     title: str = "",
     start: float = -np.inf,
     stop: float = np.inf,
-    most: int = MOST,
+    most: int = MOST_LINE_ROWS,
     marks: Sequence[tuple[float, float]] = (),
     numbers: bool = True,
 ) -> dict[str, Any]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
     from discrepancy.statistics.scan_result import ScanRow
 
-__all__ = ["DIFFERENCE", "FURTHEST", "contained", "differs_from", "effect_of", "simpler_in"]
+__all__ = ["DIFFERENCE", "FURTHEST_FACTOR", "contained", "differs_from", "effect_of", "simpler_in"]
 
 
 class Scored(Protocol):
@@ -42,7 +42,7 @@ class Scored(Protocol):
         ...
 
 
-FURTHEST = 10.0  # times a stated value, or its inverse, to which a straight line from it is followed; chosen
+FURTHEST_FACTOR = 10.0  # times a stated value, or its inverse, to which a straight line from it is followed; chosen
 DIFFERENCE = "difference"  # name of the one amplitude of a law with two sides where their mean is in the model already
 
 
@@ -85,7 +85,7 @@ def effect_of(entry: Entry, row: Scored, effects: Sequence[Effect], instead_of: 
         amplitude = np.maximum(amplitude, 1e-3 * max(float(np.max(np.abs(amplitude))), 1e-12))
     elif kind.stated:
         stated = np.array(entry.stated)
-        amplitude = stated * np.clip(1.0 + amplitude / stated, 1.0 / FURTHEST, FURTHEST)
+        amplitude = stated * np.clip(1.0 + amplitude / stated, 1.0 / FURTHEST_FACTOR, FURTHEST_FACTOR)
     strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
     number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == entry.where)
     if entry.place is None:

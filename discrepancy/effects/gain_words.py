@@ -7,7 +7,9 @@ import math
 __all__ = ["gain_in_words"]
 
 SAME = 0.05  # relative distance up to which a factor counts as the round one: a calibration is seldom worse; chosen
-KNOWN = 0.3  # relative half width of the interval up to which a factor is known; powers of ten are far apart; chosen
+KNOWN_HALF_WIDTH = (
+    0.3  # relative half width of the interval up to which a factor is known; powers of ten are far apart; chosen
+)
 
 
 def gain_in_words(gain: float, low: float, high: float) -> str:
@@ -32,7 +34,7 @@ def gain_in_words(gain: float, low: float, high: float) -> str:
     ('', '')
     """
     factor, half = 1.0 + gain, 0.5 * (high - low)
-    if not math.isfinite(factor) or not math.isfinite(half) or factor == 0.0 or half > KNOWN * abs(factor):
+    if not math.isfinite(factor) or not math.isfinite(half) or factor == 0.0 or half > KNOWN_HALF_WIDTH * abs(factor):
         return ""
     power = round(math.log10(abs(factor)))
     if abs(abs(factor) / 10.0**power - 1.0) > max(SAME, half / abs(factor)):

@@ -23,7 +23,8 @@ _SPEED_KNOTS = 8
 _POSITION_KNOTS = 6
 _SAME = 0.999
 """Cosine of the responses to the same force from which two places cannot be distinguished."""
-_LEAST_SHARE = 0.05
+LEAST_SHARE = 0.05
+"""Share of the error that has to follow from something before that is said."""
 _CLOSE = 0.1
 """Difference of shares within which two places are listed as equally good."""
 
@@ -86,7 +87,7 @@ def failing_connections(residuals: ResidualsAlongMotion) -> list[dict[str, Any]]
 
 def _sentence(entry: dict[str, Any], entries: list[dict[str, Any]]) -> str:
     place, share = entry["place"], entry["share"]
-    if share < _LEAST_SHARE:
+    if share < LEAST_SHARE:
         return f"{place}: a missing force here would explain none of the error."
     sentence = f"{place}: a missing force here would explain {100 * share:.0f} % of what calibration leaves"
     good = {f["place"] for f in entries if f["place"] != place and abs(f["share"] - share) < _CLOSE}

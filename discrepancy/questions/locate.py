@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.questions.connections import examined_connections
+from discrepancy.questions.connections import LEAST_SHARE, examined_connections
 from discrepancy.stages.residuals_along_motion import PlaceMotion, ResidualsAlongMotion, residuals_along_motion
 from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import spectral_density
@@ -35,7 +35,6 @@ _STILL, _SLOW, _STEADY = 0.02, 0.2, 0.1
 """Rest and low speed as shares of the 95th percentile of speed; steady, of that of acceleration."""
 _SURE = 3.0
 """Standard errors from which a figure is listed: about one in 400 exceeds that by chance, with many blocks."""
-_LEAST_SHARE = 0.05
 _BINS = 12
 _ABOVE = 3.0
 """Factor over the noise floor from which a frequency counts as above it."""
@@ -282,7 +281,7 @@ def _dependence(residuals: ResidualsAlongMotion) -> list[Entry]:
             if not _above_noise(residuals, c):
                 continue
             share = _cross_validated(residuals.values[:, c], bin_of, residuals)
-            if share < _LEAST_SHARE:
+            if share < LEAST_SHARE:
                 continue
             entries.append(_dependence_entry(residuals, place, name, unit, edges, bin_of, c, share))
     return sorted(entries, key=lambda e: -e["share"])
@@ -371,7 +370,7 @@ def _bands(name: str, unit: str, frequency: np.ndarray, density: np.ndarray, flo
     entries = []
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         share = float(excess[first:last].sum()) / total if total > 0.0 else 0.0
-        if share < _LEAST_SHARE:
+        if share < LEAST_SHARE:
             continue
         peak = first + int(np.argmax(density[first:last]))
         low, high = float(frequency[first]), float(frequency[last - 1])

@@ -28,9 +28,9 @@ __all__ = ["Check", "check_problem", "shown_deviations"]
 
 #: Correlation of measured and modelled output above which their ratio is a gain; chosen: the motion is then the same up
 #: to a tenth of its power.
-ALIKE = 0.95
+SAME_MOTION_CORRELATION = 0.95
 #: Correlation below which an output does not follow the model at all, so that another column may.
-UNLIKE = 0.5
+UNRELATED_CORRELATION = 0.5
 #: Evaluations of the equations for each sample from which a simulation is slow because the model is stiff; chosen: an
 #: explicit method takes 7 for a step.
 MANY = 200.0
@@ -38,10 +38,10 @@ MANY = 200.0
 NARROWED = 0.7
 #: Share of the largest information below which derivatives of integrations tell nothing: their errors, 1e-6 and
 #: more, squared.
-ROUNDING = 1e-12
+LEAST_INFORMATION = 1e-12
 #: Error of an output, by its spread, from which the start is looked at, and the share of the mean squares that may be
 #: left where the machine starts at rest in its place; chosen.
-FAR, BETTER = 0.2, 0.25
+FAR_START, BETTER = 0.2, 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +177,7 @@ def _start(e: Experiment, system: System, p: np.ndarray, response: Response, not
     """Tell where a record follows the model far better from rest than from its start values: a slack rope, say."""
     size = np.maximum(e.measured.std(axis=0), 1e-300)
     before = np.sqrt(np.mean((response.outputs - e.measured) ** 2, axis=0))
-    if not np.any(before > FAR * size):
+    if not np.any(before > FAR_START * size):
         return
     places = [system.state_names[k] for k in system.rate_states]
     guessed = [n for n in places if n not in e.outputs]
@@ -225,7 +225,7 @@ def _scales(experiments: Sequence[Experiment], responses: Sequence[Response], no
     for a in range(len(outputs)):
         for b in range(a + 1, len(outputs)):
             own, crossed = alike[[a, b], [a, b]], alike[[a, b], [b, a]]
-            if np.all(np.abs(own) < UNLIKE) and np.all(np.abs(crossed) > ALIKE):
+            if np.all(np.abs(own) < UNRELATED_CORRELATION) and np.all(np.abs(crossed) > SAME_MOTION_CORRELATION):
                 swapped |= {a, b}
                 notes.faults.append(
                     f"columns '{signals[outputs[a]].column}' and '{signals[outputs[b]].column}' look swapped: each "
@@ -241,18 +241,18 @@ def _scales(experiments: Sequence[Experiment], responses: Sequence[Response], no
             continue
         gain = float(measured[c] @ modelled[c]) / power
         words = gain_in_words(gain - 1.0, gain - 1.0 - 0.02 * abs(gain), gain - 1.0 + 0.02 * abs(gain))
-        if abs(alike[c, c]) > ALIKE and words:
+        if abs(alike[c, c]) > SAME_MOTION_CORRELATION and words:
             remedy = "reverse it in the file or in the model" if gain < 0.0 else 'say its unit with unit = "…"'
             notes.faults.append(
                 f"'{name}': column '{column}' is measured {words} (correlation with the model {alike[c, c]:.3f}, ratio "
                 f"{gain:.4g}): {remedy}"
             )
-        elif alike[c, c] < -UNLIKE:
+        elif alike[c, c] < -UNRELATED_CORRELATION:
             notes.warnings.append(
                 f"'{name}': column '{column}' runs against the model (correlation {alike[c, c]:.2f}, ratio "
                 f"{gain:.3g}): check its sign, and that of the inputs"
             )
-        elif abs(alike[c, c]) < UNLIKE:
+        elif abs(alike[c, c]) < UNRELATED_CORRELATION:
             notes.warnings.append(
                 f"'{name}': column '{column}' does not follow the model (correlation {alike[c, c]:.2f}): another "
                 "channel, another start, or much is missing"
@@ -297,7 +297,7 @@ def shown_deviations(problem: Problem, responses: Sequence[Response]) -> dict[st
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     # Parameters that act only together leave an eigenvalue of rounding errors: it stands for next to no information.
     power, direction = np.linalg.eigh(information / np.outer(size, size))
-    deviation = np.sqrt((direction**2) @ (1.0 / np.maximum(power, ROUNDING * power[-1]))) / size
+    deviation = np.sqrt((direction**2) @ (1.0 / np.maximum(power, LEAST_INFORMATION * power[-1]))) / size
     return {
         q.name: (float(std), bool(of > 1e-140)) for q, std, of in zip(problem.uncertain, deviation, size, strict=True)
     }

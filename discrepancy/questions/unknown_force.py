@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["UnknownCurve", "UnknownForce", "describe_accepted_curve", "find_unidentified_force"]
 
 #: Simple laws that are listed.
-LAWS = 4
+MOST_LAWS = 4
 #: Least share of the curve's error reduction from which a kind of the catalogue is said to resemble it.
 RESEMBLANCE = 0.8
 #: Level of the test what an unidentified force follows, made only where the omnibus test has rejected; chosen.
@@ -254,7 +254,9 @@ def describe_force(
     best = report.best
     if best is not None:
         x = direction if best.regressor == "direction" else estimate.motion[best.regressor]
-        laws = tuple(suggest_laws(estimate.force, x, best.curve, direction=direction, blocks=estimate.record)[:LAWS])
+        laws = tuple(
+            suggest_laws(estimate.force, x, best.curve, direction=direction, blocks=estimate.record)[:MOST_LAWS]
+        )
     return UnknownForce(estimate=estimate, report=report, laws=laws, similar=similar, over=over)
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["free_rotations"]
 
 INSTANTS = 32  # of a record at which Jacobians are evaluated
-ROUNDING = 1e-9  # influence of a rotation, relative to that of an angle alone, that counts as zero
+NO_INFLUENCE = 1e-9  # influence of a rotation, relative to that of an angle alone, that counts as zero
 PART = 0.1  # share in a rotation from which an angle takes part in it
 
 
@@ -50,7 +50,7 @@ def free_rotations(estimates: Sequence[StateEstimate]) -> tuple[np.ndarray, np.n
         return states, outputs
     _, sizes, rotations = np.linalg.svd(influence, full_matrices=True)
     sizes = np.concatenate([sizes, np.zeros(angles.size - sizes.size)])
-    free = rotations[sizes <= ROUNDING * max(sizes[0], np.finfo(float).tiny)]
+    free = rotations[sizes <= NO_INFLUENCE * max(sizes[0], np.finfo(float).tiny)]
     states[angles] = np.any(np.abs(free) > PART, axis=0)
     influence = np.abs(np.concatenate(shown) @ free.T).max(axis=0, initial=0.0)  # (n_channels, rotations)
     outputs[:] = np.any(influence > PART, axis=1) & np.array([system.outputs[i].unit == "rad" for i in order])

@@ -45,7 +45,7 @@ MATTERS = 0.1
 At that size the likelihood of 6000 samples gains 30 by an input gain that reduces the noise."""
 SURELY = 0.5
 """Share of an input above its cutoff that must be noise by two standard deviations."""
-DRAWS, ROUNDS = 4, 2
+NOISE_DRAWS, NOISE_ROUNDS = 4, 2
 _KNOTS, _MOST_KNOTS = 40, 400
 _KNOTS_PER_PERIOD = 4.0  # of the highest frequency that is weighted
 
@@ -245,7 +245,7 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
 
     records = parallel_map(above, problem.identify)
     scale = np.sqrt(np.mean(np.concatenate([shared[:, :, 0] for shared, _ in records]) ** 2, axis=0))
-    for _ in range(ROUNDS):  # each output is weighted by its remaining error
+    for _ in range(NOISE_ROUNDS):  # each output is weighted by its remaining error
         scale = np.maximum(scale, 1e-300)
         free = [_without_own(shared / scale[:, None], own / scale[:, None]) for shared, own in records]
         whole = np.concatenate(free).reshape(-1, free[0].shape[2])
@@ -292,11 +292,11 @@ def _made_by_noise(
     time = np.asarray(longest.record.time)
     perturbations = []
     for n, s in noise.items():
-        for _ in range(DRAWS):
+        for _ in range(NOISE_DRAWS):
             drawn = s * rng.standard_normal(time.size)
             perturbations.append(InputPerturbation(n, low_pass(time, drawn, cutoffs[n]) if n in cutoffs else drawn))
     responses = longest.respond(system, p, perturbations=perturbations).derivatives
-    squares = np.mean(responses**2, axis=0).reshape(responses.shape[1], len(noise), DRAWS)
+    squares = np.mean(responses**2, axis=0).reshape(responses.shape[1], len(noise), NOISE_DRAWS)
     made = np.sqrt(np.mean(squares, axis=2))
     return {n: made[:, k] for k, n in enumerate(noise)}
 

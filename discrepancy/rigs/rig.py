@@ -44,7 +44,7 @@ Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 
 
 #: Share of the widest motion of its kind below which a place counts as standing still.
-_STILL = 1e-3
+_STANDSTILL = 1e-3
 
 #: Factor on the usual size of what is hidden, above which no machine would still move as it should.
 MOST_STRENGTH = 1000.0
@@ -234,7 +234,7 @@ class Rig:
             x, v, a = (all_of(n) for n in motion[where])
             fast, hard = _fast(v), _fast(a)
             key = next((e.stiffness for e in entries if e.where == where and e.stiffness), "")
-            if not key and reach[where] < _STILL * widest[place.domain]:
+            if not key and reach[where] < _STANDSTILL * widest[place.domain]:
                 continue
             stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
             span_ = MotionRange(

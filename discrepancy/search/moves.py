@@ -65,7 +65,7 @@ __all__ = [
 FINALISTS = 3  # candidates that are refitted, of those that differ in what they change
 FINALIST_REDUCTION = 0.5  # share of the best candidate's expected error reduction from which another is a finalist
 SIMPLER_REDUCTION = 0.8  # share of a richer law's error reduction with which the simpler law in it is the first answer
-TIE_CORRELATION = 0.98  # of what two effects change, from which the scan alone can call them a tie
+UNFITTED_TIE_CORRELATION = 0.98  # of what two effects change, from which the scan alone can call them a tie
 SAME_CORRELATION = 0.9999  # of the same, from which a refit of the second would add no information
 PRESENCE = 2.0  # standard deviations of the full fit from which a strength is known to be different from zero
 PAIRS = 5  # pairs that are refitted, of those that differ in what they change
@@ -508,7 +508,7 @@ def _rivals(
         listed[row.name] = _rival(row, float(difference), refitted=True, tied=tied)
     for tie in ties:
         # a part of the accepted effect lies in its span as well, but explains less
-        same = tie.correlation >= TIE_CORRELATION and abs(2.0 * tie.gain_deficit) < DECISIVE_BIC
+        same = tie.correlation >= UNFITTED_TIE_CORRELATION and abs(2.0 * tie.gain_deficit) < DECISIVE_BIC
         if tie.name not in listed and same and not _is_richer(tie.kind, best):
             listed[tie.name] = _rival(tie, 2.0 * tie.gain_deficit, refitted=False, tied=True)
     plain = scans[0]

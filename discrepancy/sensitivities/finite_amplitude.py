@@ -29,9 +29,11 @@ __all__ = ["far_from_machine", "finite_amplitude_sensitivities", "in_new_directi
 #: A sensitivity, record by record.
 Blocks = Sequence[np.ndarray]
 
-FAR = 0.4  # size of the residual over the spread of the output, beyond which a derivative at zero misleads
-SAME_DIRECTION = 1e-3  # share of energy beyond which a direction is another; neighbours in SIZES differ by more
-SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion needs
+LARGE_RESIDUAL = 0.4  # size of the residual over the spread of the output, beyond which a derivative at zero misleads
+SAME_DIRECTION = (
+    1e-3  # share of energy beyond which a direction is another; neighbours in STRENGTH_SIZES differ by more
+)
+STRENGTH_SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion needs
 
 
 def far_from_machine(linearised: LinearisedProblem) -> bool:
@@ -39,7 +41,7 @@ def far_from_machine(linearised: LinearisedProblem) -> bool:
     residual = np.concatenate(linearised.residual().blocks)
     spread = np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0)
     error = np.sqrt(np.mean(residual**2, axis=0))
-    return bool(np.any(error > FAR * np.maximum(spread, 1e-300)))
+    return bool(np.any(error > LARGE_RESIDUAL * np.maximum(spread, 1e-300)))
 
 
 def takes_finite_amplitudes(entry: Entry) -> bool:
@@ -107,7 +109,7 @@ def finite_amplitude_sensitivities(
     base, records = _parameters(linearised, system), range(len(linearised.experiments))
     without = parallel_map(lambda i: _outputs(linearised, i, system, base), records)
 
-    strengths = [size * scale for size in SIZES]
+    strengths = [size * scale for size in STRENGTH_SIZES]
 
     def sensitivity_of(shape: dict[str, float]) -> Callable[[int], Blocks | None]:
         def sensitivity(k: int) -> Blocks | None:

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 __all__ = ["ForceEquations", "exponential_correlation", "force_posterior", "force_responses"]
 
 #: Values of the force in a record, and in all records together.
-MOST, MOST_TOGETHER = 120, 720
-MEMORIES = (2.0, 5.0, 15.0, 50.0)
-SIZES = tuple(np.geomspace(0.1, 30.0, 10))
+MOST_VALUES, MOST_VALUES_TOGETHER = 120, 720
+FORCE_MEMORIES = (2.0, 5.0, 15.0, 50.0)
+FORCE_SIZES = tuple(np.geomspace(0.1, 30.0, 10))
 
 
 def _knots(time: np.ndarray, records: int) -> np.ndarray:
-    count = int(min(MOST, MOST_TOGETHER // max(records, 1), time.size // 4))
+    count = int(min(MOST_VALUES, MOST_VALUES_TOGETHER // max(records, 1), time.size // 4))
     return np.linspace(time[0], time[-1], max(count, 8))
 
 
@@ -161,7 +161,7 @@ def force_posterior(A: np.ndarray, b: np.ndarray, times: Sequence[np.ndarray]) -
     # b is A times the force: its root mean square, were all values determined equally well
     usual = np.sqrt(max(float(b @ b), 1e-300)) / max(float(np.trace(A @ A)) ** 0.5, 1e-300)
     best: tuple[float, float, np.ndarray, float] | None = None
-    for memory in MEMORIES:
+    for memory in FORCE_MEMORIES:
         K = np.zeros_like(A)
         at = 0
         for t in times:
@@ -171,7 +171,7 @@ def force_posterior(A: np.ndarray, b: np.ndarray, times: Sequence[np.ndarray]) -
         values, vectors = np.linalg.eigh(L.T @ A @ L)
         values = np.maximum(values, 0.0)
         beta = vectors.T @ (L.T @ b)
-        for size in SIZES:
+        for size in FORCE_SIZES:
             s2 = (size * usual) ** 2
             gain = -0.5 * float(np.sum(np.log1p(s2 * values))) + 0.5 * float(np.sum(beta**2 * s2 / (1 + s2 * values)))
             if best is None or gain > best[0]:

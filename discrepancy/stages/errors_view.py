@@ -12,7 +12,7 @@ from multibody.base.quantity_text import unit_text
 
 __all__ = ["errors_view"]
 
-MOST = 4  # lines that stay apart in a small figure
+MOST_LINES = 4  # lines that stay apart in a small figure
 
 
 def errors_view(title: str, stages: Sequence[Stage], text: str = "") -> str:
@@ -33,13 +33,13 @@ def errors_view(title: str, stages: Sequence[Stage], text: str = "") -> str:
     units = {name: unit_text(stages[0].system.unit(name)) or "1" for name in outputs}
     header = (f"RMS error, {words}", *(f"{name} [{units[name]}]" for name in outputs))
     rows = [(stage.name, *(f"{errors[name][k]:.4g}" for name in outputs)) for k, stage in enumerate(stages)]
-    if len(outputs) > MOST:  # stages side by side: a column for each of so many outputs would not fit
+    if len(outputs) > MOST_LINES:  # stages side by side: a column for each of so many outputs would not fit
         columns = list(zip(header, *rows, strict=True))
         header, rows = columns[0], columns[1:]
     figure = None
     if len(stages) > 1:
         changed = {name: 100.0 * e / e[0] for name, e in errors.items() if e[0] > 0.0}
-        most = sorted(changed, key=lambda name: -float(np.ptp(changed[name])))[:MOST]
+        most = sorted(changed, key=lambda name: -float(np.ptp(changed[name])))[:MOST_LINES]
         shown = {name: e for name, e in changed.items() if name in most}
         if len(shown) < len(outputs):
             text = f"{text} Drawn are the {len(shown)} of {len(outputs)} outputs whose error changed most.".strip()

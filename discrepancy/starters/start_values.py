@@ -27,7 +27,7 @@ POINTS, SAMPLES, RECORDS = 128, 1500, 3
 #: Of its points, those from which short fits begin, the typical values among them, and the simulations of each.
 BEST, ROUNDS = 16, 15
 #: Of these fits, those that go on with more of the records, and the simulations of each at most.
-FINALISTS, FINAL_SAMPLES, FINAL_ROUNDS = 3, 6000, 40
+CONTINUED_FITS, FINAL_SAMPLES, FINAL_ROUNDS = 3, 6000, 40
 #: Evaluations of the equations for each sample after which a trial is given up: its values make the model stiff.
 EFFORT = 100
 #: Deviation, as share of the value, above which a parameter is not shown by the records; chosen: a third leaves open
@@ -70,7 +70,7 @@ def find_values(problem: Problem, progress: Callable[[str], None] = silent) -> F
         return FoundValues({}, ())
     progress("search the size of every parameter")
     ends = _fits(problem, _coarse(problem), SAMPLES, ROUNDS)
-    values = _best(problem, [theta for theta, _ in ends[:FINALISTS]])
+    values = _best(problem, [theta for theta, _ in ends[:CONTINUED_FITS]])
     unshown: list[str] = []
     while True:
         problem = _with_values(problem, values)

@@ -138,7 +138,7 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
     """Hide effects at three times their smallest visible strength, or at their usual size, and diagnose."""
     if not getattr(machine_module(machine), "SCALED", True):
         return diagnosed(suite, seed, hidden, machine)
-    from discrepancy.effects.from_scan_row import FURTHEST
+    from discrepancy.effects.from_scan_row import FURTHEST_FACTOR
 
     visible = _visible(seed, machine)
     usual = machine_module(machine).sizes(seed, list(hidden))
@@ -150,8 +150,8 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
             note = "no smallest visible strength: the effect is refused on these records"
             return Trial(suite=suite, seed=seed, hidden=tuple(hidden), verdict="refused", found=(), note=note)
         stated = max((abs(v["stated"]) for v in effect["parameters"].values() if "stated" in v), default=math.inf)
-        if TIMES_VISIBLE * visible[name] > FURTHEST * stated:
-            note = f"these records would not show {FURTHEST:g} times the stated value"
+        if TIMES_VISIBLE * visible[name] > FURTHEST_FACTOR * stated:
+            note = f"these records would not show {FURTHEST_FACTOR:g} times the stated value"
             return Trial(suite=suite, seed=seed, hidden=tuple(hidden), verdict="refused", found=(), note=note)
         factors.append(TIMES_VISIBLE * visible[name] / size)
     return diagnosed(suite, seed, hidden, machine, strength=max(factors))

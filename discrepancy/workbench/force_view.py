@@ -8,11 +8,11 @@ import numpy as np
 
 from discrepancy.questions.simple_laws import law_values
 from discrepancy.questions.unknown_force import UnknownForce
+from discrepancy.workbench.views import MOST_POINTS
 from multibody.base.quantity_text import unit_text
 
 __all__ = ["force_view"]
 
-MOST_POINTS = 1500  # of a cloud: more do not show on a screen
 LAW_POINTS = 200  # of a law's line
 
 Entry = dict[str, Any]

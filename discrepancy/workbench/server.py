@@ -30,7 +30,7 @@ Work = Callable[[Any], Any]
 #: foreign page can reach it by a name of its own that points here.
 LOOPBACK = ["127.0.0.1", "localhost", "[::1]"]
 #: What the page may load and reach: its own text and this server.
-POLICY = (
+CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
     "frame-ancestors 'none'"
 )
@@ -149,7 +149,7 @@ def served(
     async def page(request: Request) -> Response:
         if refused := _refused(request, token):
             return PlainTextResponse(refused, status_code=403)
-        headers = {"Content-Security-Policy": POLICY, "Referrer-Policy": "no-referrer"}
+        headers = {"Content-Security-Policy": CONTENT_SECURITY_POLICY, "Referrer-Policy": "no-referrer"}
         return HTMLResponse(_page(template), headers=headers)
 
     routes = [Route("/", page)]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.drawing.zoom_data import MOST, zoom_figure
+from discrepancy.drawing.zoom_data import MOST_LINE_ROWS, zoom_figure
 from discrepancy.questions.compare import Comparison
 from discrepancy.report.figures import stage_title
 from discrepancy.stages.stage import Stage
@@ -27,7 +27,7 @@ def rows_for(columns: int | None) -> int:
     columns : int or None
         Pixels across; None where they are not known.
     """
-    return MOST if columns is None else 2 * min(max(columns, COLUMNS[0]), COLUMNS[1]) + 2
+    return MOST_LINE_ROWS if columns is None else 2 * min(max(columns, COLUMNS[0]), COLUMNS[1]) + 2
 
 
 def record_figures(

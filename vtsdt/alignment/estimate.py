@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.base.progress import Progress, Step, shown_in_notebooks, silent
 from vtsdt.alignment.filter import DEFAULT, DELTA, MAX_SPEED_ERROR, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment.result import Alignment
@@ -191,7 +192,7 @@ def balance(trips: Sequence[Trip], parameters: LiftParameters, height: np.ndarra
         z, a, f = low_pass(trip.time, np.column_stack([trip.height, trip.acceleration, trip.tension]), 20.0).T
         speed = np.gradient(z, trip.time)
         moving = speed * trip.direction > 2.0 * LEAST_SPEED
-        rest = f - (parameters.cabin.mass + trip.payload) * (9.80665 + a)
+        rest = f - (parameters.cabin.mass + trip.payload) * (STANDARD_GRAVITY + a)
         order = np.argsort(z[moving])
         if order.size:
             residuals[trip.direction].append(

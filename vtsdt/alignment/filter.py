@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.gravity import STANDARD_GRAVITY
 from vtsdt.alignment.trips import AlignmentError, Trip
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
@@ -191,7 +192,7 @@ class GuideFilter:
             float(trip.height[0]),
             system=self.system,
             parameters=values,
-            inputs={"F_c": (self.parameters.cabin.mass + trip.payload) * 9.80665},
+            inputs={"F_c": (self.parameters.cabin.mass + trip.payload) * STANDARD_GRAVITY},
         ).to_dict()
         rest["cabin.z"] = float(trip.height[0])
         std = {name: 1e-4 for name in rest}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from multibody.base.gravity import STANDARD_GRAVITY
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 
@@ -49,7 +50,7 @@ def pressing_deviation(parameters: LiftParameters, height: np.ndarray) -> np.nda
     height : ndarray, shape (n,), m
         Of the cabin's floor.
     """
-    weight = parameters.cabin.mass * 9.80665
+    weight = parameters.cabin.mass * STANDARD_GRAVITY
 
     def normal_forces(
         lift: Lift, heights: Sequence[float], name: str = "", values: Sequence[float] = (0.0,)

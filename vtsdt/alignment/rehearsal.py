@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.library.profiles import jerk_limited
 from vtsdt.alignment.estimate import align
 from vtsdt.alignment.trips import Trip
@@ -35,7 +36,9 @@ def plain_trip(parameters: LiftParameters, direction: int, payload: float = 0.0)
         ]
     )
     height = moves[:, 0] + (0.0 if direction > 0 else travel)
-    tension = (parameters.cabin.mass + payload) * (9.80665 + moves[:, 2]) + _FRICTION * np.tanh(moves[:, 1] / 0.01)
+    tension = (parameters.cabin.mass + payload) * (STANDARD_GRAVITY + moves[:, 2]) + _FRICTION * np.tanh(
+        moves[:, 1] / 0.01
+    )
     return Trip(
         name="up" if direction > 0 else "down",
         time=time,

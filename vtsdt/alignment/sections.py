@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtsdt.files.rail_profile_table import JOIN
+
 __all__ = ["ONE_SIDED_95", "Section", "sections"]
 
-_JOIN = 0.03  # m: sections closer to each other are joined
 _SHORTEST = 0.02  # m
 #: Quantile of the normal distribution for 95 % on one side.
 ONE_SIDED_95 = 1.645
@@ -71,7 +72,7 @@ def sections(
     ranges: list[list[float]] = []
     end = 0
     for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True):
-        if ranges and (height[a] - ranges[-1][1] < _JOIN or not surely_below[end:a].any()):
+        if ranges and (height[a] - ranges[-1][1] < JOIN or not surely_below[end:a].any()):
             ranges[-1][1] = float(height[b])
         else:
             ranges.append([float(height[a]), float(height[b])])

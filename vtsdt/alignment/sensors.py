@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.base.progress import Progress, silent
 from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment.trips import Trip
@@ -121,7 +122,7 @@ def sensor_table(
         float(trip.height[0]),
         system=system,
         parameters={DELTA: delta},
-        inputs={"F_c": given.cabin.mass * 9.80665},
+        inputs={"F_c": given.cabin.mass * STANDARD_GRAVITY},
     ).to_dict()
     rest["cabin.z"] = float(trip.height[0])
     process = {name: 1e-8 for name in system.state_names}

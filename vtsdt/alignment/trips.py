@@ -18,6 +18,7 @@ from estimation.files.read_rules import ReadRules
 from estimation.files.record import Record, RecordedSignal
 from estimation.files.shared_rows import shared_rows
 from estimation.signals.preparation import low_pass
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.base.units import UnitError
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.trip_records import read_without_study
@@ -32,7 +33,6 @@ ROLES: dict[str, tuple[str, tuple[str, ...]]] = {
     "payload": ("kg", ("payload", "load")),
 }
 _TIME = ("time", "t")
-_G = 9.80665
 #: Travel below which a trip carries no information, m.
 LEAST_TRAVEL = 0.2
 #: Sampling rate below which the contacts cannot be followed, Hz.
@@ -309,7 +309,7 @@ def _faults(record: Record, lift: LiftParameters) -> Iterator[str]:
 
 def _weight(values: Mapping[str, np.ndarray], lift: LiftParameters) -> float:
     load = float(np.median(values["payload"])) if "payload" in values else 0.0
-    return (lift.cabin.mass + load) * _G
+    return (lift.cabin.mass + load) * STANDARD_GRAVITY
 
 
 def _is_tension(x: np.ndarray, weight: float) -> bool:
@@ -350,7 +350,7 @@ def _tension_faults(name: str, column: str, values: Mapping[str, np.ndarray], li
     if 0.85 < ratio < 1.15:
         return
     text = f"{name}: the tension (column '{column}') is about {tension:.4g} N, the cabin weighs {weight:.4g} N"
-    if 0.85 < ratio * _G < 1.15:
+    if 0.85 < ratio * STANDARD_GRAVITY < 1.15:
         yield f"{text}: the numbers look like kg; give --tension-unit kgf, or convert them"
     elif 0.85 < ratio * 1e3 < 1.15:
         yield f"{text}: the numbers look like kN; give --tension-unit kN"
@@ -366,7 +366,7 @@ def _acceleration_faults(
     """Compare the acceleration with the second derivative of the height, both low-passed."""
     column, a = columns["acceleration"], values["acceleration"]
     middle = float(np.median(a))
-    if 0.8 * _G < abs(middle) < 1.2 * _G:
+    if 0.8 * STANDARD_GRAVITY < abs(middle) < 1.2 * STANDARD_GRAVITY:
         yield (
             f"{name}: the acceleration (column '{column}') contains gravity (its median is {middle:.3g} m/s²): "
             "subtract 9.81 m/s²; an upward acceleration is positive"
@@ -387,7 +387,7 @@ def _acceleration_faults(
             f"{text} do not match (correlation of the accelerations below {_SLOW:g} Hz: {correlation:.2f}): "
             "another axis, another trip, or different clocks"
         )
-    elif 0.8 < gain * _G < 1.25:
+    elif 0.8 < gain * STANDARD_GRAVITY < 1.25:
         yield f"{text} differ by a factor of {gain:.3g}: the acceleration looks like g; give --acceleration-unit g_0"
     elif not 0.7 < gain < 1.4:
         yield f"{text} differ by a factor of {gain:.3g}: check the units of both"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["ProfileTable"]
 
 _NAMES = ("height_m", "delta_mm", "spread_mm")
-_JOIN = 0.03  # m: ranges closer to each other are joined
+JOIN = 0.03  # m: ranges closer to each other are joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class ProfileTable:
         ranges: list[tuple[float, float]] = []
         for a, b in zip(begins, ends, strict=True):
             low, high = float(fine[a]), float(fine[b])
-            if ranges and low - ranges[-1][1] < _JOIN:
+            if ranges and low - ranges[-1][1] < JOIN:
                 low = ranges.pop()[0]
             ranges.append((low, high))
         return ranges

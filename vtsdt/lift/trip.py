@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.errors import SimulationError
+from multibody.base.gravity import STANDARD_GRAVITY
 from vtsdt.lift.model import LiftModel
 from vtsdt.lift.speed_reference import sampled_reference, trip_sign
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["simulate_trip", "state_at_rest"]
 
-_G = 9.80665
 #: Simulated standstill in which the shoes settle between the rails, s, and how often it is tried.
 _SETTLING, _TRIES = 2.0, 3
 _MARGIN = 0.02  # m by which a reference may exceed the ends of the travel
@@ -63,12 +63,12 @@ def state_at_rest(
     load = (lift.payload[0] if lift.payload else 0.0) + p.cabin.mass
     stiffness = p.ropes.EA * p.ropes.n
     distance = height - lift.start
-    drop_c = load * _G * (p.ropes.L_0_c - height) / stiffness
-    drop_cw = p.counterweight.mass * _G * (p.ropes.L_0_cw + height) / stiffness
-    sag = (load + p.counterweight.mass + p.support.mass) * _G / (4.0 * p.support.stiffness)
+    drop_c = load * STANDARD_GRAVITY * (p.ropes.L_0_c - height) / stiffness
+    drop_cw = p.counterweight.mass * STANDARD_GRAVITY * (p.ropes.L_0_cw + height) / stiffness
+    sag = (load + p.counterweight.mass + p.support.mass) * STANDARD_GRAVITY / (4.0 * p.support.stiffness)
     if not lift.structure.drive:
         # a slightly wrong tension must not be balanced by tilting the cabin: its vertical acceleration is left free
-        inputs.setdefault("F_c", load * _G)
+        inputs.setdefault("F_c", load * STANDARD_GRAVITY)
         guess.setdefault("cabin.z", height - drop_c - sag)
         return _settled(system, guess, inputs, ("cabin.z", "cabin.v_z", *hold), options)
     guesses = {

@@ -13,8 +13,9 @@ from functools import lru_cache
 import numpy as np
 
 from discrepancy.validation.published import PaperChapter, claimed, compared, unchecked
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.base.progress import Progress
-from vtsdt.alignment.estimate import align, calibrated
+from vtsdt.alignment.estimate import THRESHOLD, align, calibrated
 from vtsdt.alignment.rail import equivalent_deviation
 from vtsdt.alignment.report import plot_trips
 from vtsdt.alignment.result import Alignment
@@ -29,7 +30,6 @@ from vtsdt.rig.rig import LiftRig
 
 __all__ = ["alignment_chapters", "calibrated_bench"]
 
-_THRESHOLD = 2.3e-3
 _BEFORE, _SCALING, _AFTER = 10, 10, 6  # trips
 _PLACES = ("0.1 m", "0.4 m", "1.1 to 1.3 m", "1.5 to 1.8 m")
 #: A bar of this project for what the paper calls a good correlation.
@@ -96,7 +96,7 @@ def _straightened(guide: GuideParameters, alignment: Alignment) -> GuideParamete
 
 def _figure_8(trips: Sequence[Trip]) -> PaperChapter:
     up = trips[0]
-    weight = 9.80665 * 32.0
+    weight = STANDARD_GRAVITY * 32.0
     row = unchecked(
         "cable tension, cabin height and acceleration of a trip",
         "drawn, no numbers",
@@ -126,7 +126,7 @@ def _figure_9(alignment: Alignment, true: np.ndarray, factor: float) -> PaperCha
     others = [correlated(equivalent_deviation({"right_x": rail}, alignment.shoes, alignment.height)) for rail in drawn]
     error = float(np.sqrt(np.mean((alignment.estimate - true)[inside] ** 2)))
     listed = ", ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in alignment.sections)
-    really = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in sections(alignment.height, true, _THRESHOLD))
+    really = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in sections(alignment.height, true, THRESHOLD))
     rows = (
         compared("trips and their median", 10, len(alignment.trips), 0.0, digits=0, basis="a count"),
         unchecked("deviation over height", "drawn, no numbers", "drawn", "the paper's estimates are not published"),
@@ -173,7 +173,7 @@ def _figure_13(before: Alignment, after: Alignment) -> PaperChapter:
     axis = figure.subplots()
     axis.plot(before.height, 1e3 * before.estimate, label="before")
     axis.plot(after.height, 1e3 * after.estimate, label="after correction")
-    axis.axhline(1e3 * _THRESHOLD, color="0.4", linestyle="--", label="threshold")
+    axis.axhline(1e3 * THRESHOLD, color="0.4", linestyle="--", label="threshold")
     for section in before.sections:
         axis.axvspan(section.low, section.high, color="tab:red", alpha=0.1)
     axis.set_xlabel("height of the cabin floor [m]")

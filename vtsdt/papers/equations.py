@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from discrepancy.validation.published import PaperChapter, PaperRow, claimed
+from multibody.base.gravity import STANDARD_GRAVITY
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 from vtsdt.papers.printed import PAPER
 
 __all__ = ["equations_chapter"]
 
-STATES, SEED, G = 200, 31, 9.80665
+STATES, SEED = 200, 31
 #: Largest relative difference that rounding explains, of one evaluation and of a filter over a trip.
 EXACT, FILTERED = 1e-9, 1e-9
 #: Samples of the trip of the filter, at 1 kHz.
@@ -183,7 +184,7 @@ def _bodies(bench: LiftParameters, s: dict, rate: dict, y: dict, note: Any) -> N
                 (rate, ("v_x", "v_y", "v_z")),
             )
         )
-        forces = [(np.array(body.com), np.array([0.0, 0.0, -body.mass * G]))]
+        forces = [(np.array(body.com), np.array([0.0, 0.0, -body.mass * STANDARD_GRAVITY]))]
         hitch = np.array([0.0, 0.0, body.hitch])
         at, moving = place + turn @ hitch, speed + turn @ np.cross(spin, hitch)
         free = bench.ropes.L_0_c if side == "cabin" else bench.ropes.L_0_cw
@@ -239,7 +240,7 @@ def _ropes_and_pulley(bench: LiftParameters, s: dict, rate: dict, y: dict, loss:
     torque = y["machine.torque"] + loss
     printed = r * (y["ropes.F_c"] - y["ropes.F_cw"]) + torque
     note("11 printed", bench.pulley.J_p * rate["pulley.speed"], printed)
-    carried = printed + r * G * ropes.lambda_m * (length["c"] - length["cw"])
+    carried = printed + r * STANDARD_GRAVITY * ropes.lambda_m * (length["c"] - length["cw"])
     inertia = bench.pulley.J_p + ropes.lambda_m * (ropes.L_0_c + ropes.L_0_cw) * r**2
     note("11", inertia * rate["pulley.speed"], carried)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.validation.published import PaperChapter, PaperRow, claimed, compared, unchecked
+from multibody.base.gravity import STANDARD_GRAVITY
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 from vtsdt.papers.printed import PAPER
@@ -51,7 +52,7 @@ def table_1_chapter() -> PaperChapter:
         rows.append(compared(f"states of the {name} model", states, count, 0.0, digits=0, basis="a count"))
         given: dict[str, Any] = {
             "1D": {"friction_c": -7.0, "friction_cw": 4.0},
-            "cabin": {"F_c": 32.0 * 9.80665},
+            "cabin": {"F_c": 32.0 * STANDARD_GRAVITY},
         }.get(name, {})
         lift.trip("up", inputs=given)
         taken = []

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.signals.metrics import pearson, rmse
 from estimation.signals.preparation import low_pass
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.base.progress import Progress, Step, shown_in_notebooks, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
@@ -183,8 +184,8 @@ def with_measured_masses(parameters: LiftParameters, records: Sequence[Record]) 
         if count < 5:
             continue
         rest = {n: float(np.median(np.asarray(record.signals[n].values)[:count])) for n in ("F_c", "F_cw", "payload")}
-        masses["cabin"].append(rest["F_c"] / 9.80665 - rest["payload"])
-        masses["counterweight"].append(rest["F_cw"] / 9.80665)
+        masses["cabin"].append(rest["F_c"] / STANDARD_GRAVITY - rest["payload"])
+        masses["counterweight"].append(rest["F_cw"] / STANDARD_GRAVITY)
     if not masses["cabin"]:
         return parameters
     changed: dict[str, Any] = {
@@ -248,7 +249,7 @@ def _compare(name: str, t: np.ndarray, signal: dict[str, np.ndarray], run: Any, 
 
     quantities = []
     for source in (signal, {n: np.asarray(run[n]) for n in ("omega", "i_q", "F_c", "F_cw", "a_c", "z_c")}):
-        friction = mass * (source["a_c"] + 9.80665) - source["F_c"]
+        friction = mass * (source["a_c"] + STANDARD_GRAVITY) - source["F_c"]
         quantities.append(
             {
                 **{n: smooth(source[n]) for n in ("F_c", "F_cw", "i_q", "a_c")},

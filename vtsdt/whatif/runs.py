@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.errors import SimulationError
+from multibody.base.gravity import STANDARD_GRAVITY
 from multibody.equations.tables import packed
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import RailProfile
@@ -176,7 +177,7 @@ class TripRunner:
         potential = 0.0
         for body in ("cabin", "counterweight"):
             mass = p[system.index("parameter", f"{body}.mass")]
-            potential -= mass * 9.80665 * float(_com_height(body, states, system, p)[[-1, 0]] @ (1.0, -1.0))
+            potential -= mass * STANDARD_GRAVITY * float(_com_height(body, states, system, p)[[-1, 0]] @ (1.0, -1.0))
         energy = TripEnergy(float(np.trapezoid(loss_c, t)), float(np.trapezoid(loss_cw, t)), potential, machine_energy)
         return SimulatedTrip(energy, out("z_c"), loss_c, t)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.gravity import STANDARD_GRAVITY
 from operation.statistics.fleet_level import share_level
 from vtsdt.files.rail_profile_table import ProfileTable
 
@@ -175,7 +176,7 @@ def friction_loss(
     mass : float, kg
         Of the cabin with its load.
     """
-    friction = mass * (np.asarray(acceleration) + 9.80665) - np.asarray(tension)
+    friction = mass * (np.asarray(acceleration) + STANDARD_GRAVITY) - np.asarray(tension)
     return float(-np.trapezoid(friction * np.asarray(speed), time))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from discrepancy.validation.machines.excitation import sines
 from discrepancy.validation.machines.machine import Channel, Drive, Effect, Machine, Parameter, Start, actuator, sensor
 from discrepancy.validation.machines.simulate import rk4
+from multibody.base.gravity import STANDARD_GRAVITY
 
 __all__ = ["MACHINE"]
 
@@ -101,7 +102,9 @@ MACHINE = Machine(
         Channel(name="lower", column="lower_mm", scale=1e3, output="lower.position", noise=2e-4, quantum=5e-5),
         Channel(name="upper", column="upper_mm", scale=1e3, output="upper.position", noise=2e-4, quantum=5e-5),
     ),
-    drives=(Drive(name="table", column="table [g]", scale=1.0 / 9.80665, unit="g_0", input="table.acceleration"),),
+    drives=(
+        Drive(name="table", column="table [g]", scale=1.0 / STANDARD_GRAVITY, unit="g_0", input="table.acceleration"),
+    ),
     effects=(
         Effect(
             name="bouc_wen",
