@@ -86,10 +86,8 @@ def test_an_input_delay_is_found_between_samples(delay):
     frequencies = (2.0,)
     speed = sines(frequencies, delay, lambda omega: 1.0 / (1j * omega * MASS + DAMPING))
     signals = {
-        "force": RecordedSignal(
-            values=sines(frequencies, 0.0), unit="N", column="force", given_unit="N"
-        ),
-        "body.velocity": RecordedSignal(speed, "m/s", "speed", "m/s"),
+        "force": RecordedSignal(values=sines(frequencies, 0.0), unit="N", column="force", measured_unit="N"),
+        "body.velocity": RecordedSignal(values=speed, unit="m/s", column="speed", measured_unit="m/s"),
     }
     experiment = Experiment(
         record=Record(name="sines", path=Path("sines.csv"), time=TIME, signals=signals),

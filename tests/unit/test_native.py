@@ -164,7 +164,9 @@ def test_second_process_compiles_nothing(cache):
         native.on_compile(lambda name, seconds: told.append(name) if seconds is None else None)
         module = native.load_source({PENDULUM!r}, "pendulum")
         rhs, tangent = native.compile_rhs(module), native.compile_tangent(module)
-        problem = NativeProblem(rhs, [9.81, 0.1], InputTable.constant([0.0]), 2, tangent)
+        problem = NativeProblem(
+            rhs=rhs, p=[9.81, 0.1], table=InputTable.constant([0.0]), n=2, tangent=tangent
+        )
         print(integrate(problem, (0.0, 1.0), [1.0, 0.0], [1.0]).y[0, 0], tangent.address > 0, *told)
     """
     first, second = run(code, cache).split(), run(code, cache).split()
@@ -247,7 +249,7 @@ def test_everything_runs_without_compilation(cache):
         module = native.load_source({PENDULUM!r}, "pendulum")
         rhs = native.compile_rhs(module)
         table = InputTable.from_columns([0.0, 0.5, 1.0], {{"u": [0.0, 1.0, 0.0]}})
-        problem = NativeProblem(rhs, [9.81, 0.1], table, 2)
+        problem = NativeProblem(rhs=rhs, p=[9.81, 0.1], table=table, n=2)
         result = integrate(problem, (0.0, 1.0), [1.0, 0.0], [0.5, 1.0], rtol=1e-8, atol=1e-8)
         print(rhs.compiled, *map(repr, map(float, result.y.ravel())))
     """

@@ -27,7 +27,8 @@ made = []
 native.on_compile(lambda name, seconds: seconds is not None and made.append(name))
 text = {text!r}
 by_numba = native.compile_rhs(native.load_source(text, "planted"))
-by_emitter = native.NativeFunction("rhs", None, 4, True, _made=(native._by_emitter(text, "planted", "rhs", 4, 0), None))
+made_of_text = native._by_emitter(text, "planted", "rhs", 4, 0), None
+by_emitter = native.NativeFunction(name="rhs", python=None, arrays=4, compiled=True, _made=made_of_text)
 values = [function(0.0, *np.ones((3, 1)), np.empty(1))[0] for function in (by_numba, by_emitter)]
 print(*values, len(made))
 """

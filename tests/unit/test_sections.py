@@ -159,5 +159,5 @@ def test_a_history_belongs_to_one_limit(long_record):
 def test_too_few_rows_are_refused(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text('[model]\nbuild = "m.py:build"\n[study]\nmost_rows = 500\n', encoding="utf-8")
-    with pytest.raises(StudyError, match=r"\[study\] most_rows.*500 is too few: at least 10000"):
+    with pytest.raises(StudyError, match=r"\[study\] most_rows: is 500, and must be at least 10000"):
         read_problem(path)

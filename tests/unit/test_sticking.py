@@ -77,7 +77,7 @@ def test_a_simulation_with_too_many_evaluations_is_given_up(sticking):
     bounded = with_tolerances(problem).identify[0]
     assert bounded.max_evaluations > LEAST_EVALUATIONS
     assert bounded.respond(system, p).evaluations < bounded.max_evaluations  # one that sticks is still simulated
-    with pytest.raises(SimulationError, match=r"more than the 100 allowed, came only to t ="):
+    with pytest.raises(SimulationError, match=r"more than the 100 allowed by then, came only to t ="):
         replace(experiment, max_evaluations=100).respond(system, p)
 
 
