@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
@@ -41,7 +41,6 @@ class Entry:
 
     kind: Kind
     where: str
-    _: KW_ONLY
     place: Place | None = None
     stiffness: str = ""
     load: str = ""

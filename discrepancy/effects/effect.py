@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import discrepancy.effects.built_in_kinds  # effects inside motors, tanks, … join the catalogue
@@ -71,7 +71,6 @@ class Effect:
     where: str
     strengths: Mapping[str, float] = field(default_factory=dict)
     shape: Mapping[str, float] = field(default_factory=dict)
-    _: KW_ONLY
     ports: tuple[str, ...] = ()
     domain: str = ""
     load: str = ""
@@ -104,7 +103,7 @@ class Effect:
             what = {"sensor": "a sensor", "input": "an input"}.get(definition.at, f"a {definition.at}")
             raise ValueError(
                 f"{kind} acts on {what}, not on a place: write "
-                f"Effect('{kind}', 'name of the signal', {{'{definition.strengths[0]}': 0.0}})"
+                f"Effect(kind='{kind}', where='name of the signal', strengths={{'{definition.strengths[0]}': 0.0}})"
             )
         strengths, shape = dict(parts.pop("strengths", {})), dict(parts.pop("shape", {}))
         defaults = {k: 0.0 for k in definition.strengths}

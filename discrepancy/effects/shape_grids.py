@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,7 +36,6 @@ class MotionRange:
     low: float
     high: float
     speed: float
-    _: KW_ONLY
     turns: bool = False
     scale: float = 0.0
     begin: float = 0.0

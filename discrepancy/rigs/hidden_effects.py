@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,6 @@ class Hidden:
 
     effect: Effect | None = None
     where: str = ""
-    _: KW_ONLY
     component: Component | None = None
     ports: tuple[str, str] = ("", "")
     over: str = ""

@@ -9,7 +9,7 @@ rigs of other machines are made of the same parts.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -119,7 +119,6 @@ class Channel:
     column: str
     unit: str
     measured_unit: str
-    _: KW_ONLY
     noise: float = 0.0
     resolution: float = 0.0
     analogue: bool = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from multibody.assembly.places import Place
@@ -21,7 +21,6 @@ class Quantity:
     unit: str
     meaning: str
     variable: str
-    _: KW_ONLY
     value: float = 0.0
     min: float | None = None
     max: float | None = None

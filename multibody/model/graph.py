@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from multibody.base.quantity_text import count_text
@@ -67,7 +67,6 @@ class ModelInput:
 
     name: str
     targets: list[str]
-    _: KW_ONLY
     default: float | None = None
     gain: float | None = None
     offset: float | None = None
