@@ -95,7 +95,8 @@ def test_no_command_is_bad_input_and_shows_help(run: Run) -> None:
 
 def test_bench_axis_writes_a_study(run: Run, tmp_path: Path) -> None:
     code, out, err = run("bench", "axis", "--out", "new/axis", "--trips", "2", "--seed", "3")
-    assert (code, err) == (0, "") or (code == 0 and " s  " in err)  # a slow machine reports its progress
+    assert code == 0
+    assert [line for line in err.splitlines() if " s  " not in line] == []  # a slow machine reports its progress
     assert "next: vtsdt diagnose" in out
     assert "synthetic" in out
     written = {p.name for p in (tmp_path / "new" / "axis").iterdir()}

@@ -46,6 +46,10 @@ def scanned(seed=0, sizes=(0.0, 0.0), away=0.2, one_sided=(False, False), noise=
     return found, e, (a, b, other, two)
 
 
+def partners_of_delay(scores):
+    return {n for p in scores.with_partners("delay@input") for n in p.names} - {"delay@input"}
+
+
 def test_joint_gain_and_amplitudes_are_those_of_least_squares():
     found, e, (a, b, other, two) = scanned(sizes=(2.0, 2.0))
     y = np.concatenate(e)[:, 0]
@@ -82,13 +86,16 @@ def test_effects_that_cannot_act_the_other_way_round_are_no_pair():
 
 def test_excluded_pairs_are_left_out():
     found, *_ = scanned(sizes=(2.0, 2.0))
+    assert "gain@loop" in partners_of_delay(PairScores(found))
     scores = PairScores(found, lambda a, b: "gain" in (a.kind, b.kind))
-    assert all("gain@loop" not in p.names for p in (*scores.masking(), *scores.with_partners("delay@input")))
+    assert partners_of_delay(scores) == {"two@guide", "wave@guide"}
+    assert all("gain@loop" not in p.names for p in scores.masking())
 
 
 def test_nearly_identical_effects_are_no_pair():
-    found, *_ = scanned(sizes=(2.0, 2.0), away=0.5 * APART**0.5)
-    assert all(set(p.names) != {"delay@input", "gain@loop"} for p in PairScores(found).with_partners("delay@input"))
+    for away, is_pair in ((0.5 * APART**0.5, False), (3.0 * APART**0.5, True)):
+        found, *_ = scanned(sizes=(2.0, 2.0), away=away)
+        assert ("gain@loop" in partners_of_delay(PairScores(found))) is is_pair
 
 
 def test_effects_that_add_up_are_no_masking_pair():

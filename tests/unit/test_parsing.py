@@ -32,7 +32,7 @@ def threads_that_change_places():
 def test_many_threads_parse_at_once(threads_that_change_places):
     with ThreadPoolExecutor(8) as pool:
         trees = list(pool.map(parse, [TEXT] * 8))
-    assert all(len(tree.body) == 300 for tree in trees)
+    assert [len(tree.body) for tree in trees] == [300] * 8
 
 
 def test_an_expression_alone():

@@ -93,6 +93,7 @@ def test_an_expression_takes_the_first_samples_of_each_record(recordings):
 def test_at_rest_means_below_the_measured_position_with_the_force_of_the_record(recordings):
     """From 0 m, where the rope is slack and feels nothing, to the place where it carries the lower mass."""
     found = starts(recordings, '"upper.velocity" = 0.0\n"lower.velocity" = 0.0\n"lower.position" = "equilibrium"\n')
+    assert len(found) == 2
     for each in found:
         hangs = each["upper.position"] - LENGTH * (1.0 + LOWER * G / EA)
         assert each["lower.position"] == pytest.approx(hangs, abs=1e-9)
