@@ -18,6 +18,6 @@ def jit_enabled() -> bool:
 def models_by_emitter() -> bool:
     """Tell whether ``VTSDT_COMPILER=emitter`` asks for the emitter in place of numba, to compare the two.
 
-    `benchmarks/bench_compilers.py` does that; functions compiled by numba cannot call what the emitter has compiled.
+    `benchmarks/compilers.py` does that; functions compiled by numba cannot call what the emitter has compiled.
     """
     return os.environ.get("VTSDT_COMPILER", "numba") == "emitter"
