@@ -8,7 +8,7 @@ its size is a parameter like the others, of all visits, and its trend is followe
 
     python examples/gear_crack.py --out out/gear-crack
 
-A quarter of an hour on one processor.
+Seven minutes on one processor.
 """
 
 from __future__ import annotations
