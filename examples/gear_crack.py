@@ -8,7 +8,7 @@ its size is a parameter like the others, of all visits, and its trend is followe
 
     python examples/gear_crack.py --out out/gear-crack
 
-A quarter of an hour on one processor.
+Seven minutes on one processor.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ STIFFNESS = 8.6e5
 ERRORS = [f"mesh.{kind}_{gear}" for gear in TEETH for kind in ("runout_x", "runout_y", "lobes_cos", "lobes_sin")]
 FITTED = {"mesh.K": 1e-3 * STIFFNESS, **dict.fromkeys(ERRORS, 1e-6)}
 CRACK_STEP = 0.02
+#: Linearisations of a visit where the crack is fitted, whose effect bends: a tenth at a third of the stiffness.
+ROUNDS = 2
 #: The truth, m: one and two waves of each gear, which the model has and has to find, and three waves, which it lacks.
 TRUE_ERRORS = {
     "mesh.runout_x_1": 5e-6,
@@ -122,13 +124,15 @@ def sensitivities(
 def judged(stage: GearStage, visit: Visit, measured: np.ndarray, at: Mapping[str, float], gear: str = "") -> Judgement:
     """Fit the model to a visit alone; with ``gear`` the crack of that gear's tooth too."""
     steps = {**FITTED, **({f"mesh.crack_{gear}": CRACK_STEP} if gear else {})}
-    nominal, columns = sensitivities(stage, visit, at, steps)
-    scale = np.array(list(steps.values()))
-    change, *_ = np.linalg.lstsq(columns * scale, measured - nominal, rcond=None)
+    scale, values = np.array(list(steps.values())), np.array([at.get(n, 0.0) for n in steps])
+    for _ in range(ROUNDS if gear else 1):
+        here = {**at, **dict(zip(steps, values.tolist(), strict=True))}
+        nominal, columns = sensitivities(stage, visit, here, steps)
+        change, *_ = np.linalg.lstsq(columns * scale, measured - nominal, rcond=None)
+        values = values + scale * change
     left = measured - nominal - columns @ (scale * change)
     size = float(np.sqrt(np.mean(left**2)))
     std = size * scale * np.sqrt(np.diag(np.linalg.inv((columns * scale).T @ (columns * scale))))
-    values = np.array([at.get(n, 0.0) for n in steps]) + scale * change
     quantities = {
         name: Quantity(value=float(v), std=float(s), kind="parameter")
         for name, v, s in zip(steps, values, std, strict=True)
