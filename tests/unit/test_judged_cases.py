@@ -28,6 +28,7 @@ from discrepancy.validation.machines.reliability import (
 )
 from discrepancy.validation.machines.simulate import simulate
 from discrepancy.validation.machines.suite import COLUMNS, cases
+from discrepancy.validation.machines.temperature import temperature_lines, tried_models
 
 SHORT = replace(machine_named("flywheel"), rows=400)
 LATE = slice(0, SHORT.identify)
@@ -222,10 +223,11 @@ def test_a_temperature_makes_overconfident_evidences_hold() -> None:
     true = np.array([rng.choice(5, p=p) for p in tempered(honest, 1.0)])
     first, second = slice(0, 2000), slice(2000, None)
     boasted = 6.0 * honest
-    assert fitted_temperature(boasted[first], true[first]) == pytest.approx(6.0, rel=0.1)
-    correct = np.eye(5)[true[second]]
+    correct = np.eye(5)[true]
+    assert fitted_temperature(boasted[first], correct[first]) == pytest.approx(6.0, rel=0.1)
     raw = tempered(boasted[second], 1.0)
-    cool = tempered(boasted[second], fitted_temperature(boasted[first], true[first]))
+    cool = tempered(boasted[second], fitted_temperature(boasted[first], correct[first]))
+    correct = correct[second]
     assert (
         calibration_error(cool.ravel(), correct.ravel()) < 0.02 < 0.1 < calibration_error(raw.ravel(), correct.ravel())
     )
@@ -236,7 +238,50 @@ def test_a_temperature_makes_overconfident_evidences_hold() -> None:
 
 def test_a_temperature_needs_a_true_model() -> None:
     with pytest.raises(ValueError, match="temperature cannot be fitted"):
-        fitted_temperature([[-np.inf, 0.0]], [0])
+        fitted_temperature([[-np.inf, 0.0]], [[True, False]])
+
+
+def test_a_temperature_leaves_the_prior_as_it_is() -> None:
+    rng = np.random.default_rng(1)
+    honest, prior = rng.normal(0.0, 1.5, (4000, 3)), np.log([0.8, 0.15, 0.05])
+    true = np.eye(3)[[rng.choice(3, p=p) for p in tempered(honest, 1.0, prior)]]
+    assert fitted_temperature(4.0 * honest, true, prior) == pytest.approx(4.0, rel=0.1)
+
+
+def judged_folder(path: Path, category: str, accept: list[list[str]], models: dict[str, float]) -> None:
+    (path / "out").mkdir(parents=True)
+    effects = [{"accept": each} for each in accept]
+    (path / "truth.json").write_text(json.dumps({"category": category, "effects": effects}))
+    entries = [
+        {"effects": name.split(), "log_evidence": {"total": total, "log_prior_odds": -1.0}}
+        for name, total in models.items()
+    ]
+    entries.append({"effects": ["lost@there"], "log_evidence": None})
+    (path / "out" / "decisions.json").write_text(json.dumps({"models": entries}))
+
+
+def test_the_temperature_takes_the_models_that_were_tried(tmp_path: Path) -> None:
+    models = {"": 0.0, "drag@axle": 3.0, "play@belt drag@axle": 2.0}
+    judged_folder(tmp_path / "a", "single", [["drag@*"]], models)
+    judged_folder(tmp_path / "b", "pair", [["drag@*"], ["play@belt"]], models)
+    judged_folder(tmp_path / "c", "none", [], models)
+    judged_folder(tmp_path / "d", "outside", [], models)
+    judged_folder(tmp_path / "e", "single", [["slip@belt"]], models)
+    folders = [tried_models(tmp_path / name) for name in "abcdef"]
+    assert [None if f is None else f.true.tolist() for f in folders] == [
+        [False, True, False],
+        [False, False, True],
+        [True, False, False],
+        None,
+        None,
+        None,
+    ]
+    assert folders[0] is not None
+    np.testing.assert_allclose(folders[0].log_evidence, [1.0, 4.0, 3.0])
+    lines = temperature_lines(tmp_path, [{"case": name} for name in "abcdef"])
+    assert lines[2].startswith("In 3 of 6 cases the true model is among those that were tried.")
+    assert len(lines) == 9
+    assert temperature_lines(tmp_path, [{"case": "a"}, {"case": "d"}]) == []
 
 
 def row(**columns: Any) -> dict[str, str]:

@@ -10,6 +10,7 @@ from discrepancy.validation.machines.case import NATS, WHAT
 from discrepancy.validation.machines.fleet import NAMES, machine_named
 from discrepancy.validation.machines.page import page, statements
 from discrepancy.validation.machines.suite import Limits, cases, run_cases
+from discrepancy.validation.machines.temperature import temperature_lines
 
 __all__ = ["main"]
 
@@ -65,7 +66,8 @@ def main(arguments: Sequence[str]) -> int:
         limits=Limits(args.seconds, args.megabytes),
         progress=(lambda text: None) if args.quiet else lambda text: print(text, file=sys.stderr, flush=True),
     )
-    text = page(rows, date=date.today().isoformat(), final=final)
+    further = temperature_lines(args.out, rows)
+    text = page(rows, date=date.today().isoformat(), final=final, further=further)
     (args.out / "results.md").write_text(text)
     shown, true = statements(rows)
     if shown:

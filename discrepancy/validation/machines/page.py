@@ -53,8 +53,8 @@ def statements(rows: Sequence[Row]) -> tuple[list[float], list[int]]:
     return [p for _, p, _ in said], [true for _, _, true in said]
 
 
-def page(rows: Sequence[Row], *, date: str, final: bool) -> str:
-    """Return the page (Markdown)."""
+def page(rows: Sequence[Row], *, date: str, final: bool, further: Sequence[str] = ()) -> str:
+    """Return the page (Markdown); further lines stand before the list of cases."""
     codes = ", ".join(sorted({row["code"] for row in rows}))
     seeds = "final seeds, run once" if final else "development seeds: fixes may have been made with them"
     machines = sorted({row["machine"] for row in rows})
@@ -87,6 +87,8 @@ def page(rows: Sequence[Row], *, date: str, final: bool) -> str:
     if shown:
         text = f"{len(shown)} statements with a probability: calibration error {calibration_error(shown, true):.3f}, "
         lines += ["", text + f"Brier score {brier_score(shown, true):.3f}."]
+    if further:
+        lines += ["", *further]
     lines += [
         "",
         "## Cases",

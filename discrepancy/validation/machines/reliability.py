@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "brier_score",
+    "brier_score_of_models",
     "calibration_error",
     "fitted_temperature",
     "jeffreys",
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 
 BINS = 10  # of equal width, as usual for the expected calibration error (Guo et al. 2017)
 TEMPERATURES = (0.05, 100.0)  # between which one is looked for: from nearly certain to nearly uniform
+STARTS = 40  # temperatures among which the neighbourhood of the best is looked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +69,24 @@ def brier_score(shown: ArrayLike, true: ArrayLike) -> float:
     return float(np.mean((np.asarray(shown, float) - np.asarray(true, float)) ** 2))
 
 
+def brier_score_of_models(probability: ArrayLike, true: ArrayLike) -> float:
+    """Return the Brier score of several categories: (1 − p of the truth)² + Σ p² of the others, the mean over cases.
+
+    Parameters
+    ----------
+    probability : array_like, shape (cases, models)
+    true : array_like of bool, shape (cases, models)
+
+    Examples
+    --------
+    >>> brier_score_of_models([[0.5, 0.5], [1.0, 0.0]], [[True, False], [True, False]])
+    0.25
+    """
+    p, right = np.asarray(probability, float), np.asarray(true, bool)
+    of_truth = np.where(right, p, 0.0).sum(axis=1)
+    return float(np.mean((1.0 - of_truth) ** 2 + np.where(right, 0.0, p**2).sum(axis=1)))
+
+
 def reliability(shown: ArrayLike, true: ArrayLike) -> list[Bin]:
     """Return the bins of a reliability diagram that have statements in them."""
     p, t = np.asarray(shown, float), np.asarray(true, float)
@@ -93,8 +113,8 @@ def calibration_error(shown: ArrayLike, true: ArrayLike) -> float:
     return float(sum(b.count * abs(b.shown - b.frequency) for b in bins) / total) if total else float("nan")
 
 
-def tempered(log_evidence: ArrayLike, temperature: float) -> Array:
-    """Return softmax(log evidence / temperature) over the models, the last axis.
+def tempered(log_evidence: ArrayLike, temperature: float, log_prior: ArrayLike = 0.0) -> Array:
+    """Return softmax(log evidence / temperature + log prior) over the models, the last axis.
 
     Probabilities are tempered by giving their logarithms.
 
@@ -105,18 +125,23 @@ def tempered(log_evidence: ArrayLike, temperature: float) -> Array:
     """
     from scipy.special import softmax
 
-    return np.asarray(softmax(np.asarray(log_evidence, float) / temperature, axis=-1))
+    return np.asarray(softmax(np.asarray(log_evidence, float) / temperature + np.asarray(log_prior, float), axis=-1))
 
 
-def fitted_temperature(log_evidence: ArrayLike, true: ArrayLike) -> float:
-    """Return the temperature of largest likelihood of the true models; fit it on one half and show the other.
+def fitted_temperature(log_evidence: ArrayLike, true: ArrayLike, log_prior: ArrayLike = 0.0) -> float:
+    """Return the temperature of the smallest Brier score; fit it on one half and show the other.
+
+    The likelihood of the true models would ask for one that excuses the worst case: a true model whose fit ended
+    hundreds of nats too low.  The Brier score is bounded.
 
     Parameters
     ----------
     log_evidence : array_like, shape (cases, models)
         −inf where a case has fewer models.
-    true : array_like of int, shape (cases,)
-        Index of the true model.
+    true : array_like of bool, shape (cases, models)
+        The models that are true: one, or several that do not differ in what counts.
+    log_prior : array_like, shape (cases, models), optional
+        What was known before the records were seen, which is not divided.
 
     Raises
     ------
@@ -124,19 +149,20 @@ def fitted_temperature(log_evidence: ArrayLike, true: ArrayLike) -> float:
         If no case has a finite evidence of its true model.
     """
     from scipy.optimize import minimize_scalar
-    from scipy.special import log_softmax
 
-    evidence, index = np.asarray(log_evidence, float), np.asarray(true, int)
-    known = np.isfinite(evidence[np.arange(len(index)), index])
+    evidence, right = np.asarray(log_evidence, float), np.asarray(true, bool)
+    prior = np.broadcast_to(np.asarray(log_prior, float), evidence.shape)
+    known = (np.isfinite(evidence) & right).any(axis=1)
     if not known.any():
         raise ValueError("no case has a finite evidence of its true model: a temperature cannot be fitted")
-    evidence, index = evidence[known], index[known]
+    evidence, right, prior = evidence[known], right[known], prior[known]
 
-    def loss(log_temperature: float) -> float:
-        scaled = evidence / np.exp(log_temperature)
-        return float(-log_softmax(scaled, axis=1)[np.arange(len(index)), index].mean())
+    def score(log_temperature: float) -> float:
+        return brier_score_of_models(tempered(evidence, math.exp(log_temperature), prior), right)
 
-    minimum = minimize_scalar(loss, bounds=(math.log(TEMPERATURES[0]), math.log(TEMPERATURES[1])), method="bounded")
+    grid = np.linspace(math.log(TEMPERATURES[0]), math.log(TEMPERATURES[1]), STARTS)
+    k = int(np.argmin([score(x) for x in grid]))  # there may be several minima
+    minimum = minimize_scalar(score, bounds=(grid[max(k - 1, 0)], grid[min(k + 1, STARTS - 1)]), method="bounded")
     return float(np.exp(minimum.x))
 
 
