@@ -16,7 +16,6 @@ import numpy as np
 from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities
 
 if TYPE_CHECKING:
-    from discrepancy.rigs.case import Case
     from discrepancy.stages.stage import Stage
     from discrepancy.statistics.whitened import WhitenedProblem
 
@@ -77,7 +76,6 @@ class PeerCase:
 
     Parameters
     ----------
-    case : Case
     stage : Stage
         After recalibration.
     candidates : tuple of Candidate
@@ -91,7 +89,6 @@ class PeerCase:
         Candidates that these records cannot distinguish from recalibration.
     """
 
-    case: Case
     stage: Stage
     candidates: tuple[Candidate, ...]
     plain: RegressionData
@@ -176,8 +173,8 @@ def regression_data(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Regr
     )
 
 
-def peer_case(case: Case, stage: Stage) -> PeerCase:
-    """Return what the other methods get, from a recalibrated stage of a study of the case."""
+def peer_case(stage: Stage) -> PeerCase:
+    """Return what the other methods get, from the recalibrated stage of a study."""
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.sensitivities.candidates import candidate_sensitivities
     from discrepancy.statistics.whitened import fit_whitened, scaled_by_rms
@@ -207,7 +204,6 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
     best = _best(plain)
     dropped = frozenset(c.name for i, c in enumerate(candidates) if i not in best)
     return PeerCase(
-        case=case,
         stage=stage,
         candidates=tuple(candidates),
         plain=regression_data(plain, seen),

@@ -19,7 +19,7 @@ from typing import Any
 from discrepancy.validation.trials import file_name
 from multibody.base.stopping import die_with_parent
 
-__all__ = ["OURS", "PeerTrial", "peer_page", "run_peers"]
+__all__ = ["OURS", "PeerTrial", "missing_peers", "peer_page", "run_peers"]
 
 OURS = "this program"
 TRUE = "the true effect, fitted"
@@ -83,7 +83,7 @@ def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTria
     begun = time.perf_counter()
     stage = study.stage
     calibrated = time.perf_counter()
-    given = peer_case(case, stage)
+    given = peer_case(stage)
     columns = time.perf_counter() - calibrated
     if any(h in given.dropped for h in hidden):
         return PeerTrial(seed=seed, hidden=tuple(hidden), note="not identifiable: recalibration imitates it entirely")
@@ -257,7 +257,7 @@ def peer_rates(trials: Sequence[PeerTrial]) -> list[dict[str, Any]]:
 
 def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> str:
     """Return the comparison on a virtual machine as a page (Markdown)."""
-    from discrepancy.validation.peer_methods import versions
+    from discrepancy.validation.peer_methods import GAUSSIAN_PROCESS, versions
     from discrepancy.validation.trials import wilson
 
     counted = [t for t in trials if not t.note]
@@ -292,7 +292,7 @@ def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> 
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in peer_rates(trials):
-        named = row["method"] != "Gaussian process"
+        named = row["method"] != GAUSSIAN_PROCESS
         if row["method"] == TRUE:
             lines.append(f"| {TRUE} | | | | | | 1 | {figure(row['held-out error'])} | | |")
             continue

@@ -17,7 +17,7 @@ from discrepancy.validation.peer_methods import METHODS, methods_on
 @pytest.fixture(scope="module")
 def given():
     case = axis_case(7, ["coulomb_friction@guide"], trips=4)
-    return peer_case(case, Study(case.problem(seed=7)).stage)
+    return peer_case(Study(case.problem(seed=7)).stage)
 
 
 def test_the_true_effect_lowers_the_held_out_error(given):

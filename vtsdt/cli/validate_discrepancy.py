@@ -21,6 +21,10 @@ def main(arguments: Sequence[str]) -> int:
         from discrepancy.validation.machines.command import main as judge
 
         return judge(arguments[1:])
+    if arguments and arguments[0] == "machine-peers":
+        from discrepancy.validation.machines.peers import main as compare
+
+        return compare(arguments[1:])
     from discrepancy.validation.suite import main as run
 
     return run(arguments, MACHINES)
