@@ -8,6 +8,7 @@ sensor.  A disturbance from outside does not know where the machine is, and gain
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,9 +46,15 @@ SIZES, SIZE_FACTORS = (1.0, 10.0, 100.0), (1.0, 3.0, 1.0 / 3.0)
 SAME_SIGNAL = 0.995
 #: Sources that are fitted together with the noise: those that promise most.
 REFITS = 2
-#: Nats that a further signal must add before the function is said to depend on it as well: as much as a model with one
-#: effect more must be better.
+#: Nats that a further signal must add, beside what its choice costs, before the function is said to depend on it as
+#: well: as much as a model with one effect more must be better.
 FURTHER_SIGNAL = 3.0
+#: Functions of two signals that are screened, at most: seconds of an ordinary machine.
+MOST_SCREENED = 500
+#: Signals that a function may depend on: fifty directions fill no space of more dimensions.
+MOST_SIGNALS = 3
+#: Travel from which an angle is also a place within a turn, rad.
+TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,17 +178,15 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
     asked = _Question(likelihood)
     if not asked.signals or not asked.sources:
         return None
-    basis = asked.basis(range(len(asked.signals)))
-    screened = sorted(((*asked.screened(s, basis), s) for s in asked.sources), key=lambda t: -t[0])
-    best = max((asked.refitted(source, size, basis) for _, size, source in screened[:REFITS]), key=lambda t: t.gain)
+    likeliest = sorted(asked.likeliest_of_sources(), key=lambda t: -t.gain - asked.log_odds(t.signals))[:REFITS]
+    best = max((asked.refitted(asked.extended(each)) for each in likeliest), key=lambda t: t.gain + t.log_odds)
     share, predictive = asked.consequences(best)
-    log_odds = -math.log(2.0 * len(asked.sources))
     return UnknownLaw(
         where=best.source.where,
         acts_on=best.source.acts_on,
-        depends_on=asked.dependence(best.source),
-        gain=best.gain - PROCESS_PRICE + log_odds,
-        log_odds=log_odds,
+        depends_on=best.signals,
+        gain=best.gain - PROCESS_PRICE + best.log_odds,
+        log_odds=best.log_odds,
         share=share,
         samples=likelihood.count,
         predictive=predictive,
@@ -189,10 +194,22 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Refit:
+class _Screened:
+    """A function of some signals at a source: its gain in log likelihood at the noise as it is, and its best size."""
+
     source: _Source
+    signals: tuple[str, ...]
     size: float
     gain: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Refit:
+    source: _Source
+    signals: tuple[str, ...]
+    size: float
+    gain: float
+    log_odds: float
     columns: list[RecordColumns]
     with_law: NoiseModel
     without: NoiseModel
@@ -230,43 +247,59 @@ class _Question:
         ]
 
     @cached_property
-    def signals(self) -> dict[str, list[np.ndarray]]:
-        """What a force may depend on: each signal by name, standardised over all records, (N,) for each record."""
+    def signals(self) -> dict[str, np.ndarray]:
+        """What a force may depend on: each signal by name, standardised over all records, (N, 1).
+
+        An angle that makes a turn is there a second time as the place within a turn, (N, 2): its cosine and sine.
+        """
+        signals: dict[str, np.ndarray] = {}
+        for name, whole in self._recorded().items():
+            spread = float(np.std(whole))
+            if not spread > 1e-9 * float(np.max(np.abs(whole))):
+                continue
+            forms = {name: ((whole - np.mean(whole)) / spread)[:, None]}
+            if name in self._angles and np.ptp(whole) >= TURN:
+                forms[f"{name} within a turn"] = np.sqrt(2.0) * np.column_stack([np.cos(whole), np.sin(whole)])
+            known = list(signals.values())
+            signals |= {n: v for n, v in forms.items() if not any(_is_same(v, other) for other in known)}
+        return signals
+
+    @cached_property
+    def _angles(self) -> set[str]:
+        """Names of the signals that are angles."""
+        system = self.likelihood.linearised.system
+        states = {q.name for q in system.states if q.unit == "rad"}
+        return states | {f"place.{p.name}.angle" for p in system.places}
+
+    def _recorded(self) -> dict[str, np.ndarray]:
+        """Return the motions of connections, states, measured outputs and recorded inputs at all samples, (N,)."""
         linearised, records = self.likelihood.linearised, self.likelihood.noise.records
-        runs = [linearised.nominal_outputs(i) for i in range(len(records))]
-        names = [n for n in runs[0] if self._is_cause(n)]
-        signals: dict[str, list[np.ndarray]] = {}
-        seen: list[np.ndarray] = []
-        ends = np.cumsum([r.time.size for r in records])[:-1]
-        for name in names:
-            whole = np.concatenate(
+        runs = []
+        for i, experiment in enumerate(linearised.experiments[: len(records)]):
+            recorded = {n: np.asarray(experiment.record.signals[n].values) for n in experiment.inputs}
+            runs.append({**linearised.nominal_outputs(i), **recorded})
+        states = {q.name for q in linearised.system.states}
+        outputs, inputs = linearised.experiments[0].outputs, linearised.experiments[0].inputs
+
+        def is_cause(name: str) -> bool:
+            motion = name.startswith("place.") and name.rsplit(".", 1)[-1] != "acceleration"
+            return motion or name in states or name in outputs or name in inputs
+
+        return {
+            name: np.concatenate(
                 [
                     np.interp(r.time, np.asarray(linearised.experiments[i].record.time), runs[i][name])
                     for i, r in enumerate(records)
                 ]
             )
-            spread = float(np.std(whole))
-            if not spread > 1e-9 * float(np.max(np.abs(whole))):
-                continue
-            whole = (whole - np.mean(whole)) / spread
-            if any(abs(float(whole @ other)) > SAME_SIGNAL * whole.size for other in seen):
-                continue
-            seen.append(whole)
-            signals[name] = np.split(whole, ends)
-        return signals
+            for name in runs[0]
+            if is_cause(name)
+        }
 
-    def _is_cause(self, name: str) -> bool:
-        """Tell whether a force may depend on a signal: a state, a motion of a connection, or a measured output."""
-        linearised = self.likelihood.linearised
-        motion = name.startswith("place.") and name.rsplit(".", 1)[-1] != "acceleration"
-        return motion or name in linearised.system.states or name in linearised.experiments[0].outputs
-
-    def basis(self, chosen: Sequence[int]) -> list[np.ndarray]:
+    def basis(self, chosen: Sequence[str]) -> list[np.ndarray]:
         """Return the directions of a Gaussian process over some signals, (N, m) for each record."""
-        every = list(self.signals.values())
-        points = np.column_stack([np.concatenate(every[k]) for k in chosen])
         ends = np.cumsum([r.time.size for r in self.likelihood.noise.records])[:-1]
-        return np.split(_incomplete_cholesky(points), ends)
+        return np.split(_incomplete_cholesky(np.column_stack([self.signals[n] for n in chosen])), ends)
 
     def with_function(self, source: _Source, basis: Sequence[np.ndarray]) -> list[RecordColumns]:
         """Return the records with what each direction of the function changes as further shared columns."""
@@ -289,20 +322,52 @@ class _Question:
         _, std, offset = self._of_records
         return np.concatenate([std, np.full(count, size)]), np.concatenate([offset, np.zeros(count)])
 
-    def screened(self, source: _Source, basis: Sequence[np.ndarray]) -> tuple[float, float]:
-        """Return the gain in log likelihood at the noise of the model as it is, and the size that gains most."""
-        fitted, columns = self.likelihood.noise, self.with_function(source, basis)
-        count = basis[0].shape[1]
+    def screened(self, source: _Source, chosen: tuple[str, ...]) -> _Screened:
+        """Return the gain of a function of some signals at the noise as it is, at the size that gains most."""
+        fitted, basis = self.likelihood.noise, self.basis(chosen)
+        columns, count = self.with_function(source, basis), basis[0].shape[1]
         trials = ((restricted_log_likelihood(columns, fitted.model, *self.priors(z, count)), z) for z in SIZES)
         best, size = max(trials)
-        return best - fitted.log_likelihood, size
+        return _Screened(source=source, signals=chosen, size=size, gain=best - fitted.log_likelihood)
 
-    def refitted(self, source: _Source, size: float, basis: Sequence[np.ndarray]) -> _Refit:
+    def likeliest_of_sources(self) -> list[_Screened]:
+        """Return the best function of one or two signals at each source, the choice counted.
+
+        A force that is the product of two signals, such as a stiffness that varies over a turn, does not show in a
+        function of either.
+        """
+        pairs = list(itertools.combinations(self.signals, 2))
+        ones = {s.where: [self.screened(s, (name,)) for name in self.signals] for s in self.sources}
+        order = sorted(self.sources, key=lambda s: -max(t.gain for t in ones[s.where]))
+        room = max(MOST_SCREENED // max(len(pairs), 1), REFITS)
+        twos = {s.where: [self.screened(s, pair) for pair in pairs] for s in order[:room]}
+        return [
+            max((*ones[s.where], *twos.get(s.where, [])), key=lambda t: t.gain + self.log_odds(t.signals))
+            for s in order
+        ]
+
+    def extended(self, best: _Screened) -> _Screened:
+        """Let a function depend on further signals, each the one that adds most, while it adds what it costs."""
+        while len(best.signals) < min(MOST_SIGNALS, len(self.signals)):
+            rest = [n for n in self.signals if n not in best.signals]
+            further = max((self.screened(best.source, (*best.signals, n)) for n in rest), key=lambda t: t.gain)
+            if further.gain < best.gain + FURTHER_SIGNAL + math.log(len(rest)):
+                break
+            best = further
+        return best
+
+    def log_odds(self, signals: Sequence[str]) -> float:
+        """Return the prior odds of a function: those of one effect more, spread over sources and choices of signals."""
+        choices = math.comb(len(self.signals), len(signals))
+        return -math.log(2.0 * len(self.sources) * choices)
+
+    def refitted(self, chosen: _Screened) -> _Refit:
         """Return the gain where the noise is fitted again, with the function and without, from the same start."""
         linearised, fitted = self.likelihood.linearised, self.likelihood.noise
-        columns, count = self.with_function(source, basis), basis[0].shape[1]
+        basis = self.basis(chosen.signals)
+        columns, count = self.with_function(chosen.source, basis), basis[0].shape[1]
         trials = []
-        for z in (size * factor for factor in SIZE_FACTORS):
+        for z in (chosen.size * factor for factor in SIZE_FACTORS):
             own = fitted_noise(linearised, fitted.records, columns, *self.priors(z, count), fitted.model, grow=False)
             trials.append((own.log_likelihood + log_price(linearised, own.model), z, own.model))
         value, z, model = max(trials, key=lambda t: t[0])
@@ -310,7 +375,14 @@ class _Question:
         starts = [(q.log_likelihood + log_price(linearised, q.model), q.model) for q in (plain, fitted)]
         without, model_without = max(starts, key=lambda t: t[0])
         return _Refit(
-            source=source, size=z, gain=value - without, columns=columns, with_law=model, without=model_without
+            source=chosen.source,
+            signals=chosen.signals,
+            size=z,
+            gain=value - without,
+            log_odds=self.log_odds(chosen.signals),
+            columns=columns,
+            with_law=model,
+            without=model_without,
         )
 
     def consequences(self, best: _Refit) -> tuple[dict[str, float], PredictiveGain]:
@@ -339,19 +411,12 @@ class _Question:
         without = scores_of_blocks(self.columns, best.without, std, offset)
         return dict(zip(outputs, shares.tolist(), strict=True)), gain_of_scores(with_law, without)
 
-    def dependence(self, source: _Source) -> tuple[str, ...]:
-        """Return the signals that the function follows, each the one that adds most to those before it."""
-        names = list(self.signals)
-        chosen: list[int] = []
-        reached = 0.0
-        while len(chosen) < len(names):
-            rest = [k for k in range(len(names)) if k not in chosen]
-            gain, best = max((self.screened(source, self.basis([*chosen, k]))[0], k) for k in rest)
-            if chosen and gain < reached + FURTHER_SIGNAL:
-                break
-            chosen.append(best)
-            reached = gain
-        return tuple(names[k] for k in chosen)
+
+def _is_same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Tell whether two signals, (N, 1) or (N, 2), are one, whatever its sign."""
+    return a.shape == b.shape and all(
+        abs(float(x @ y)) > SAME_SIGNAL * math.sqrt(float(x @ x) * float(y @ y)) for x, y in zip(a.T, b.T, strict=True)
+    )
 
 
 def _incomplete_cholesky(points: np.ndarray) -> np.ndarray:
