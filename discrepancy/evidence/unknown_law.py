@@ -337,14 +337,11 @@ class _Question:
         function of either.
         """
         pairs = list(itertools.combinations(self.signals, 2))
-        ones = {s.where: [self.screened(s, (name,)) for name in self.signals] for s in self.sources}
-        order = sorted(self.sources, key=lambda s: -max(t.gain for t in ones[s.where]))
+        ones = {s: [self.screened(s, (name,)) for name in self.signals] for s in self.sources}
+        order = sorted(self.sources, key=lambda s: -max(t.gain for t in ones[s]))
         room = max(MOST_SCREENED // max(len(pairs), 1), REFITS)
-        twos = {s.where: [self.screened(s, pair) for pair in pairs] for s in order[:room]}
-        return [
-            max((*ones[s.where], *twos.get(s.where, [])), key=lambda t: t.gain + self.log_odds(t.signals))
-            for s in order
-        ]
+        twos = {s: [self.screened(s, pair) for pair in pairs] for s in order[:room]}
+        return [max((*ones[s], *twos.get(s, [])), key=lambda t: t.gain + self.log_odds(t.signals)) for s in order]
 
     def extended(self, best: _Screened) -> _Screened:
         """Let a function depend on further signals, each the one that adds most, while it adds what it costs."""
