@@ -66,6 +66,8 @@ class Cost:
         Effects that the study could name.
     limit : float, s, optional
         Processor time after which the run was ended.
+    commit : str
+        Of the program.
     """
 
     processor: float
@@ -74,6 +76,7 @@ class Cost:
     code: int
     candidates: int
     limit: float | None = None
+    commit: str = "unknown"
 
     @property
     def ended(self) -> bool:
@@ -110,7 +113,13 @@ def measured(case: Case, options: Sequence[str] = (), limit: float | None = None
             code=run.returncode,
             candidates=len(listed.stdout.splitlines()),
             limit=limit,
+            commit=_commit(),
         )
+
+
+def _commit() -> str:
+    words = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
 
 
 def _limited(seconds: float | None) -> None:
@@ -143,10 +152,8 @@ def main() -> int:
     tables = "\n\n".join(_table(sweep, kept) for sweep in SWEEPS if any(s == sweep for s, _ in kept))
     print(tables)
     if given.page:
-        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
         text = PAGE.format(
             date=datetime.date.today().isoformat(),
-            commit=commit.stdout.strip() or "unknown",
             machine=machine(),
             tables=tables,
         )
@@ -157,8 +164,8 @@ def main() -> int:
 def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
     """Return the table of a sweep; the slope is that of the processor time, from the size before."""
     lines = [
-        f"| {sweep} | candidates | processor, s | wall, s | peak memory, GB | slope | end |",
-        "| ---: | ---: | ---: | ---: | ---: | ---: | --- |",
+        f"| {sweep} | candidates | processor, s | wall, s | peak memory, GB | slope | end | at |",
+        "| ---: | ---: | ---: | ---: | ---: | ---: | --- | --- |",
     ]
     before: tuple[int, Cost] | None = None
     for size, cost in sorted(((size, c) for (of, size), c in kept.items() if of == sweep), key=lambda pair: pair[0]):
@@ -167,7 +174,7 @@ def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
             slope = f"{math.log(cost.processor / before[1].processor) / math.log(size / before[0]):.2f}"
         lines.append(
             f"| {size} | {cost.candidates} | {cost.processor:.3g} | {cost.wall:.4g} | {cost.peak / 1e9:.2f} | {slope} "
-            f"| {cost.end} |"
+            f"| {cost.end} | {cost.commit} |"
         )
         before = size, cost
     return "\n".join(lines)
@@ -175,11 +182,11 @@ def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
 
 PAGE = """# Growth with the size of a study
 
-Measured on {date} at {commit} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes
-this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
+Measured until {date} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
 own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory, the
 exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). A run
-that used the processor longer than `--limit` was ended there. The machine was shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
+that used the processor longer than `--limit` was ended there. The last column is the commit of the row. The machine was
+shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
 
 {tables}
 
