@@ -182,11 +182,12 @@ def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
 
 PAGE = """# Growth with the size of a study
 
-Measured until {date} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
-own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory, the
-exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). A run
-that used the processor longer than `--limit` was ended there. The last column is the commit of the row. The machine was
-shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
+Measured until {date} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes this
+page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
+own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory,
+the exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). A run
+that used the processor longer than `--limit` was ended there. The last column is the commit of the row. The machine
+was shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
 
 {tables}
 
