@@ -1,6 +1,7 @@
-"""How time and memory of a diagnosis grow with rows, records, states and outputs; the page.
+"""How time and memory of a diagnosis grow with rows, records, states, outputs and candidates; the page.
 
-``python benchmarks/scale.py [--only rows,records] [--most 30000] [--keep FILE] [--page docs/benchmarks/scale.md]``
+``python benchmarks/scale.py [--only rows,records] [--most 30000] [--limit 12] [--keep FILE]``, with
+``--page docs/benchmarks/scale.md`` to write the page
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import datetime
 import json
 import math
 import os
+import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -23,6 +26,12 @@ from scale_case import Case, write
 
 ROOT = Path(__file__).resolve().parents[1]
 
+
+def _linked(*include: str) -> Case:
+    """Return a case of the sweep of candidates: the same machine, and those effects that the patterns allow."""
+    return Case(masses=22, outputs=4, links=190, include=include)
+
+
 #: Cases of each sweep: what grows, and everything else as in `Case`.
 SWEEPS: dict[str, dict[int, Case]] = {
     "rows": {n: Case(rows=n) for n in (1_000, 4_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, 10_000_000)},
@@ -30,6 +39,13 @@ SWEEPS: dict[str, dict[int, Case]] = {
     "states": {2 * n: Case(masses=n) for n in (1, 2, 5, 10, 20, 50, 250)},
     "outputs": {n: Case(masses=20, outputs=n) for n in (1, 5, 20, 40)},
     "outputs with --memory 3": {40: Case(masses=20, outputs=40)},
+    "candidates": {
+        27: _linked("*@guide_0", "*@x_0"),
+        108: _linked("*@guide_[0-3]", "*@x_*"),
+        262: _linked("*@guide_1*", "*@x_*"),
+        946: _linked("*@guide_*", "*@spring_*"),
+        5150: _linked("*"),
+    },
 }
 #: What is asked for in sweeps beside the study.
 OPTIONS = {"outputs with --memory 3": ("--memory", "3")}
@@ -45,9 +61,13 @@ class Cost:
     peak : float, bytes
         Largest resident memory.
     code : int
-        Exit code, that of a signal below zero.
+        Exit code, that of a signal below zero; SIGXCPU's where the limit of processor time was reached.
     candidates : int
         Effects that the study could name.
+    limit : float, s, optional
+        Processor time after which the run was ended.
+    commit : str
+        Of the program.
     """
 
     processor: float
@@ -55,10 +75,25 @@ class Cost:
     peak: float
     code: int
     candidates: int
+    limit: float | None = None
+    commit: str = "unknown"
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run ended by itself."""
+        return self.code != -signal.SIGXCPU
+
+    @property
+    def end(self) -> str:
+        """How the run ended, in words."""
+        return str(self.code) if self.ended else f"not ended in {self.limit / 60.0:g} minutes"  # type: ignore[operator]
 
 
-def measured(case: Case, options: Sequence[str] = ()) -> Cost:
-    """Diagnose a case in a process of its own that adds one effect at most, with compiled code from earlier runs."""
+def measured(case: Case, options: Sequence[str] = (), limit: float | None = None) -> Cost:
+    """Diagnose a case in a process of its own that adds one effect at most, with compiled code from earlier runs.
+
+    After ``limit`` seconds of processor time, the run is ended.
+    """
     with tempfile.TemporaryDirectory() as temporary:
         study = write(case, Path(temporary))
         words = ["diagnose", str(study), "--out", str(Path(temporary) / "out"), "--quiet", "--max-effects", "1"]
@@ -68,7 +103,7 @@ def measured(case: Case, options: Sequence[str] = ()) -> Cost:
         names = [*program, "catalogue", str(study), "--names"]
         listed = subprocess.run(names, env=environment, capture_output=True, text=True, check=True)
         begun = time.monotonic()
-        run = subprocess.Popen([*program, *words], env=environment)
+        run = subprocess.Popen([*program, *words], env=environment, preexec_fn=lambda: _limited(limit))
         _, status, used = os.wait4(run.pid, 0)
         run.returncode = os.waitstatus_to_exitcode(status)
         return Cost(
@@ -77,7 +112,19 @@ def measured(case: Case, options: Sequence[str] = ()) -> Cost:
             peak=1024.0 * used.ru_maxrss,
             code=run.returncode,
             candidates=len(listed.stdout.splitlines()),
+            limit=limit,
+            commit=_commit(),
         )
+
+
+def _commit() -> str:
+    words = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+
+
+def _limited(seconds: float | None) -> None:
+    if seconds is not None:
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds), resource.RLIM_INFINITY))
 
 
 def main() -> int:
@@ -85,6 +132,7 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", help=f"sweeps, separated by commas, of: {', '.join(SWEEPS)}")
     parser.add_argument("--most", type=int, help="leave out sizes above")
+    parser.add_argument("--limit", type=float, help="minutes of processor time after which a run is ended")
     parser.add_argument("--keep", type=Path, help="file of results: what is in it is not measured again")
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()
@@ -97,38 +145,36 @@ def main() -> int:
         for size, case in SWEEPS[sweep].items():
             if (sweep, size) in kept or (given.most is not None and size > given.most):
                 continue
-            cost = kept[sweep, size] = measured(case, OPTIONS.get(sweep, ()))
+            cost = kept[sweep, size] = measured(case, OPTIONS.get(sweep, ()), given.limit and 60.0 * given.limit)
             if given.keep:
                 with given.keep.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps([sweep, size, cost.__dict__]) + "\n")
     tables = "\n\n".join(_table(sweep, kept) for sweep in SWEEPS if any(s == sweep for s, _ in kept))
     print(tables)
     if given.page:
-        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
         text = PAGE.format(
             date=datetime.date.today().isoformat(),
-            commit=commit.stdout.strip() or "unknown",
             machine=machine(),
             tables=tables,
         )
         given.page.write_text(text, encoding="utf-8")
-    return 1 if any(cost.code for cost in kept.values()) else 0
+    return 1 if any(cost.code for cost in kept.values() if cost.ended) else 0
 
 
 def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
     """Return the table of a sweep; the slope is that of the processor time, from the size before."""
     lines = [
-        f"| {sweep} | candidates | processor, s | wall, s | peak memory, GB | slope | end |",
-        "| ---: | ---: | ---: | ---: | ---: | ---: | --- |",
+        f"| {sweep} | candidates | processor, s | wall, s | peak memory, GB | slope | end | at |",
+        "| ---: | ---: | ---: | ---: | ---: | ---: | --- | --- |",
     ]
     before: tuple[int, Cost] | None = None
     for size, cost in sorted(((size, c) for (of, size), c in kept.items() if of == sweep), key=lambda pair: pair[0]):
         slope = ""
-        if before is not None:
+        if before is not None and cost.ended and before[1].ended:
             slope = f"{math.log(cost.processor / before[1].processor) / math.log(size / before[0]):.2f}"
         lines.append(
             f"| {size} | {cost.candidates} | {cost.processor:.3g} | {cost.wall:.4g} | {cost.peak / 1e9:.2f} | {slope} "
-            f"| {cost.code} |"
+            f"| {cost.end} | {cost.commit} |"
         )
         before = size, cost
     return "\n".join(lines)
@@ -136,10 +182,11 @@ def _table(sweep: str, kept: dict[tuple[str, int], Cost]) -> str:
 
 PAGE = """# Growth with the size of a study
 
-Measured on {date} at {commit} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes
-this page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
-own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory, the
-exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). The machine
+Measured until {date} by `python benchmarks/scale.py --keep FILE --page docs/benchmarks/scale.md`, which writes this
+page and may be interrupted and continued. A row is one run of `vtsdt diagnose --max-effects 1` in a process of its
+own: the effects that could be named, processor time (all threads), time on the clock, the largest resident memory,
+the exit code, and the slope of the processor time on logarithmic scales from the row above (1: proportional). A run
+that used the processor longer than `--limit` was ended there. The last column is the commit of the row. The machine
 was shared with other programs, so that the time on the clock says less than that of the processor: {machine}.
 
 {tables}
@@ -148,7 +195,8 @@ The machine is a chain of masses on springs, dampers and guides with dry frictio
 (`benchmarks/scale_case.py`). Where nothing else is said it has one mass, one output, and one record of 2000 rows beside
 one that is held out. Of records of more than 100 000 rows, [sections](../method/residuals.md#sections-of-long-records)
 are used. `--memory` bounds what is held of sensitivities and scores; where nothing is said it is half of the machine's
-memory, and what fits is kept.
+memory, and what fits is kept. In the sweep of candidates the machine stays the same: 22 masses, another
+190 weak springs between those that are not neighbours, four outputs; `[candidates] include` allows more and more.
 """
 
 if __name__ == "__main__":

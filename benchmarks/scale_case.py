@@ -22,12 +22,13 @@ import multibody.library as lib
 from multibody.machine.model import Model
 
 
-def build(masses: int = 2, dry: float = 0.0) -> Model:
-    """Return the chain; ``dry`` is a friction in the first guide, N."""
+def build(masses: int = 2, dry: float = 0.0, links: int = 0) -> Model:
+    """Return the chain; ``dry`` is a friction in the first guide, N, links are weak springs in parallel."""
     m = Model("chain")
     push = m.add("push", lib.ForceSource())
     m.input("force", push.force)
     first = before = None
+    flanges = []
     for k in range(masses):
         mass = m.add(f"mass_{k}", lib.Mass(m=1.0 + 0.01 * k))
         guide = m.add(f"guide_{k}", lib.ViscousFriction(viscous=2.0))
@@ -40,6 +41,12 @@ def build(masses: int = 2, dry: float = 0.0) -> Model:
         m.output(f"x_{k}", sensor.position)
         m.output(f"v_{k}", speed.velocity)
         first, before = first or mass, mass
+        flanges.append(mass.flange)
+    apart = [(a, b) for a in range(masses) for b in range(a + 2, masses)]
+    for a, b in apart[:links]:
+        link = m.add(f"link_{a}_{b}", lib.SpringDamper(stiffness=1.0, damping=0.01))
+        m.connect(link.a, flanges[a])
+        m.connect(link.b, flanges[b])
     m.connect(push.flange, first.flange)
     if dry > 0.0:
         rub = m.add("rub", lib.CoulombFriction(coulomb=dry, v_s=5e-3))
@@ -63,6 +70,8 @@ class Case:
         To fit; one more is held out.
     include : tuple of str
         Patterns of candidates.
+    links : int
+        Weak springs between masses that are not neighbours: more candidates without more states.
     """
 
     masses: int = 1
@@ -70,6 +79,7 @@ class Case:
     rows: int = 2000
     records: int = 1
     include: tuple[str, ...] = ("*",)
+    links: int = 0
 
 
 def write(case: Case, folder: Path) -> Path:
@@ -84,7 +94,7 @@ def write(case: Case, folder: Path) -> Path:
     (folder / "chain.py").write_text(MODEL, encoding="utf-8")
     space: dict[str, object] = {}
     exec(compile(MODEL, "chain.py", "exec"), space)
-    system = space["build"](case.masses, 1.5).build()  # type: ignore[operator]
+    system = space["build"](case.masses, 1.5, case.links).build()  # type: ignore[operator]
     names = [f"x_{k}" for k in range(case.masses)] + [f"v_{k}" for k in range(case.masses)]
     names = names[: case.outputs]
     rng = np.random.default_rng(1)
@@ -104,7 +114,7 @@ def write(case: Case, folder: Path) -> Path:
     study = [
         "[model]",
         'build = "chain.py:build"',
-        f"arguments = {{ masses = {case.masses} }}",
+        f"arguments = {{ masses = {case.masses}, links = {case.links} }}",
         "[uncertain]",
         *(f'"guide_{k}.viscous" = {{ std = 1.0, min = 0.0 }}' for k in range(min(case.masses, 4))),
         "[inputs]",

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.problem.start_states import at_rest
+from discrepancy.questions.scales import compare_scales
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
 from multibody.base.quantity_text import count_text
@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Check", "check_problem", "shown_deviations"]
 
-#: Correlation of measured and modelled output above which their ratio is a gain; chosen: the motion is then the same up
-#: to a tenth of its power.
-SAME_MOTION_CORRELATION = 0.95
-#: Correlation below which an output does not follow the model at all, so that another column may.
-UNRELATED_CORRELATION = 0.5
 #: Evaluations of the equations for each sample from which a simulation is slow because the model is stiff; chosen: an
 #: explicit method takes 7 for a step.
 MANY = 200.0
@@ -129,7 +124,10 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
             )
             break
     if len(responses) == len(problem.identify):
-        _scales(problem.identify, responses, notes)
+        scales = compare_scales(problem.identify, responses)
+        notes.faults += scales.faults
+        notes.warnings += scales.warnings
+        notes.facts += scales.facts
         if excitation:
             _excitation(problem, responses, notes)
         samples = sum(len(e.record.time) for e in problem.identify)
@@ -207,63 +205,6 @@ def _start(e: Experiment, system: System, p: np.ndarray, response: Response, not
         f"from its load): with {given}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in "
         f"[initial] say {say}, or give expressions of what was measured, or numbers for each record"
     )
-
-
-def _centred(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the parts without their means, each a record, one after the other."""
-    return np.concatenate([part - part.mean() for part in parts])
-
-
-def _scales(experiments: Sequence[Experiment], responses: Sequence[Response], notes: _Notes) -> None:
-    """Compare sign and size of every output with the model's, and with those of the other outputs."""
-    outputs = experiments[0].outputs
-    measured = [_centred([e.measured[:, c] for e in experiments]) for c in range(len(outputs))]
-    modelled = [_centred([r.outputs[:, c] for r in responses]) for c in range(len(outputs))]
-    alike = np.array([[_correlation(m, y) for y in modelled] for m in measured])
-    signals = experiments[0].record.signals
-    swapped: set[int] = set()
-    for a in range(len(outputs)):
-        for b in range(a + 1, len(outputs)):
-            own, crossed = alike[[a, b], [a, b]], alike[[a, b], [b, a]]
-            if np.all(np.abs(own) < UNRELATED_CORRELATION) and np.all(np.abs(crossed) > SAME_MOTION_CORRELATION):
-                swapped |= {a, b}
-                notes.faults.append(
-                    f"columns '{signals[outputs[a]].column}' and '{signals[outputs[b]].column}' look swapped: each "
-                    f"follows the other's output ('{outputs[b]}', '{outputs[a]}'): exchange them in [outputs]"
-                )
-    for c, name in enumerate(outputs):
-        if c in swapped:
-            continue
-        column, power = signals[name].column, float(modelled[c] @ modelled[c])
-        if not float(measured[c] @ measured[c]) > 0.0 or not power > 0.0:
-            what = "is constant" if power > 0.0 else "is constant in the model"
-            notes.warnings.append(f"'{name}' {what}: nothing can be compared; drive the machine, or leave it out")
-            continue
-        gain = float(measured[c] @ modelled[c]) / power
-        words = gain_in_words(gain - 1.0, gain - 1.0 - 0.02 * abs(gain), gain - 1.0 + 0.02 * abs(gain))
-        if abs(alike[c, c]) > SAME_MOTION_CORRELATION and words:
-            remedy = "reverse it in the file or in the model" if gain < 0.0 else 'say its unit with unit = "…"'
-            notes.faults.append(
-                f"'{name}': column '{column}' is measured {words} (correlation with the model {alike[c, c]:.3f}, ratio "
-                f"{gain:.4g}): {remedy}"
-            )
-        elif alike[c, c] < -UNRELATED_CORRELATION:
-            notes.warnings.append(
-                f"'{name}': column '{column}' runs against the model (correlation {alike[c, c]:.2f}, ratio "
-                f"{gain:.3g}): check its sign, and that of the inputs"
-            )
-        elif abs(alike[c, c]) < UNRELATED_CORRELATION:
-            notes.warnings.append(
-                f"'{name}': column '{column}' does not follow the model (correlation {alike[c, c]:.2f}): another "
-                "channel, another start, or much is missing"
-            )
-        else:
-            notes.facts.append(f"'{name}' follows the model: correlation {alike[c, c]:.3f}, ratio {gain:.3g}")
-
-
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0.0 else 0.0
 
 
 def shown_deviations(problem: Problem, responses: Sequence[Response]) -> dict[str, tuple[float, bool]]:

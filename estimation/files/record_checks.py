@@ -115,6 +115,9 @@ def _clipped(values: np.ndarray) -> tuple[float, np.ndarray] | None:
     if len(moving) == 0 or _few_levels(values):
         return None
     usual = float(np.sqrt(np.mean(moving**2)))
+    # Where a coarse sensor steps, a motion that turns back reaches its extreme by one step, however slow it is.
+    step = float(moving.min())
+    coarse = 1.5 * step if np.mean(moving < 1.01 * step) > 0.1 else 0.0
     for extreme in (float(values.max()), float(values.min())):
         at = values == extreme
         edges = np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0]))))
@@ -122,7 +125,7 @@ def _clipped(values: np.ndarray) -> tuple[float, np.ndarray] | None:
             # A machine at rest arrives slowly and leaves slowly; a limiter cuts a curve that is still steep.
             entered = steps[start - 1] if start > 0 else 0.0
             left = steps[stop - 1] if stop < len(values) else 0.0
-            if stop - start >= 8 and max(entered, left) > 0.25 * usual:
+            if stop - start >= 8 and max(entered, left) > max(0.25 * usual, coarse):
                 return extreme, at
     return None
 

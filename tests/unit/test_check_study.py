@@ -12,11 +12,11 @@ import pytest
 from discrepancy.problem.problem import read_problem
 from discrepancy.questions.plausibility import Check, check_problem
 from multibody import Model
-from multibody.library import ForceSource, Mass, SpringDamper
+from multibody.library import CoulombFriction, ForceSource, Mass, SpringDamper
 from vtsdt.cli import main
 
 
-def build() -> Model:
+def build(dry: float = 0.0) -> Model:
     model = Model("two")
     for n, m, k in ((1, 2.0, 150.0), (2, 1.0, 900.0)):
         mass = model.add(f"mass{n}", Mass(m=m))
@@ -24,6 +24,9 @@ def build() -> Model:
         push = model.add(f"push{n}", ForceSource())
         model.connect(mass.flange, spring.b, push.flange)
         model.connect(spring.a, model.ground)
+        friction = model.add(f"friction{n}", CoulombFriction(coulomb=n * dry))
+        model.connect(friction.a, mass.flange)
+        model.connect(friction.b, model.ground)
         model.input(f"push{n}", push.force)
     return model
 
@@ -43,8 +46,19 @@ def motion() -> np.ndarray:
     return np.column_stack([t, push, x + 2e-5 * np.random.default_rng(1).standard_normal(x.shape)])
 
 
+@pytest.fixture(scope="module")
+def beside_friction(motion) -> np.ndarray:
+    """The same of a machine with dry friction in its springs, which the model lacks."""
+    t = motion[:, 0]
+    inputs = {"push1": (t, motion[:, 1]), "push2": (t, motion[:, 2])}
+    run = build(dry=4.0).build().simulate((0.0, float(t[-1])), inputs=inputs, times=t, rtol=1e-8)
+    noise = 2e-5 * np.random.default_rng(2).standard_normal((t.size, 2))
+    return np.column_stack([motion[:, :3], run["mass1.position"] + noise[:, 0], run["mass2.position"] + noise[:, 1]])
+
+
 def study(folder: Path, table: np.ndarray, uncertain: str = '"spring1.stiffness" = { std = 50.0 }') -> Path:
-    head = "from multibody import Model\nfrom multibody.library import ForceSource, Mass, SpringDamper\n\n\n"
+    parts = "CoulombFriction, ForceSource, Mass, SpringDamper"
+    head = f"from multibody import Model\nfrom multibody.library import {parts}\n\n\n"
     (folder / "model.py").write_text(head + inspect.getsource(build))
     np.savetxt(folder / "run.csv", table, "%.9g", ",", header="t_s,f1_N,f2_N,x1_m,x2_m", comments="")
     path = folder / "study.toml"
@@ -106,6 +120,39 @@ def test_a_reversed_sign_and_a_factor_are_told_in_words(tmp_path, motion, factor
     found = checked(tmp_path, table)
     assert len(found.faults) == 1
     assert words in found.faults[0]
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "words"),
+    [
+        (3, -1.0, "column 'x1_m' is measured with the opposite sign"),
+        (3, 1000.0, "column 'x1_m' is measured about 1000 times too large"),
+        (3, 1000.0, 'as if its numbers were in mm: say so with unit = "mm" in [outputs]'),
+        (4, -1e-3, "column 'x2_m' is measured with the opposite sign and about 1000 times too small"),
+    ],
+)
+def test_sign_and_factor_are_told_though_the_model_lacks_something(tmp_path, beside_friction, column, factor, words):
+    """Dry friction that the model lacks takes 10 to 20 % of the motion: no round number, and the same words."""
+    table = beside_friction.copy()
+    table[:, column] *= factor
+    found = checked(tmp_path, table)
+    assert len(found.faults) == 1
+    assert words in found.faults[0]
+
+
+def test_one_input_in_another_unit_is_told_once(tmp_path, beside_friction):
+    table = beside_friction.copy()
+    table[:, 1:3] *= 1e-3
+    found = checked(tmp_path, table)
+    assert len(found.faults) == 1
+    assert "all outputs are measured about 1000 times too large" in found.faults[0]
+    assert "('push1', as if in kN or 'push2', as if in kN)" in found.faults[0]
+
+
+def test_columns_that_may_be_swapped_are_told_though_the_model_lacks_something(tmp_path, beside_friction):
+    assert not [w for w in checked(tmp_path, beside_friction).warnings if "swapped" in w]
+    found = checked(tmp_path, beside_friction[:, [0, 1, 2, 4, 3]])
+    assert [w for w in (*found.faults, *found.warnings) if "'x1_m' and 'x2_m'" in w and "swapped" in w]
 
 
 def test_swapped_columns_are_told(tmp_path, motion, capsys):

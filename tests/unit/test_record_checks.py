@@ -222,6 +222,8 @@ def test_clipping_is_warned_of_but_rest_is_not(tmp_path):
         (wave, False),
         (rest, False),
         (np.sign(wave), False),
+        (np.round(5.0 * np.sin(0.9 * t)), False),  # an encoder of ten steps, turning back slowly
+        (np.clip(np.round(5.0 * wave), -31.0, 31.0), True),
     ):
         path = write(tmp_path / "a.csv", text({"time_s": t, "x_mm": values}))
         record = read_record(path, time="time_s", columns={"x": "x_mm"})
