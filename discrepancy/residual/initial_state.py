@@ -12,6 +12,7 @@ from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from estimation.response.experiment import Experiment
 from estimation.signals.metrics import noise_floor
 from multibody.base.errors import SimulationError, Stop
+from multibody.solvers.limits import cause_of_small_steps, most_evaluations, too_many
 from multibody.system.simulate import simulate
 
 if TYPE_CHECKING:
@@ -22,8 +23,6 @@ __all__ = ["DIVERGED_ERROR", "StateEstimate", "estimate_states"]
 DIVERGED_ERROR = 0.3
 """Error of a simulation, over an output's spread, from which it counts as diverged from its records.
 A scan, which is linear in the error, then says nothing about it."""
-HOPELESS_PIECES = 2
-"""Pieces in a row that take too many evaluations, from both of their starts, after which the record is given up."""
 
 _POSITIONS = ("m", "rad")
 _ROUNDS = 4
@@ -187,39 +186,66 @@ def estimate_states(experiment: Experiment, system: System, p: np.ndarray, piece
     Raises
     ------
     SimulationError
-        If pieces in a row take more evaluations than are allowed, whichever state they begin at: so would the rest.
+        If the pieces together take more evaluations than the simulation of the whole record may.
     """
     reading = SensorReading.of(experiment, system, p)
-    n = len(experiment.record.time)
+    time = np.array(experiment.record.time)
+    n = time.size
     step = max(10, -(-n // pieces))
     states = np.empty((n, len(system.states)))
     start = experiment.start_vector(system)
-    hopeless = 0
+    allowed, used = 2 * most_evaluations(time, (float(time[0]), float(time[-1])), n), 0  # each piece has two starts
     for first in range(0, n, step):
         last = min(first + step, n - 1)
-        piece, error, gave_up = _simulated_piece(reading, first, last, start)
-        if error > DIVERGED_ERROR:
+        piece = _simulated_piece(reading, first, last, start)
+        used += piece.evaluations
+        if piece.error > DIVERGED_ERROR:
             shown = _simulated_piece(reading, first, last, reading.state(first, start))
-            piece = shown[0] if shown[1] < error else piece
-            hopeless = hopeless + 1 if gave_up and shown[2] else 0
-            if gave_up and hopeless == HOPELESS_PIECES:
-                raise SimulationError(f"record '{experiment.name}': {gave_up}", gave_up.stop) from gave_up
-        states[first : last + 1] = piece
+            used += shown.evaluations
+            piece = min(piece, shown, key=lambda of: of.error)
+        if used > allowed:
+            raise _too_many(reading, first, start, used, allowed)
+        states[first : last + 1] = piece.states
         start = states[last]
     return StateEstimate(states, reading)
 
 
-def _simulated_piece(
-    reading: SensorReading, first: int, last: int, start: np.ndarray
-) -> tuple[np.ndarray, float, SimulationError | None]:
-    """Return the states from sample to sample, and the largest error of an output over its spread in the record.
+def _too_many(reading: SensorReading, sample: int, x: np.ndarray, used: int, allowed: int) -> SimulationError:
+    """Return the error that the pieces up to a sample took more evaluations than the whole record may."""
+    system, time = reading.system, reading.experiment.record.time
+    t = float(time[sample])
+    cause = cause_of_small_steps(
+        lambda state: system.rhs(t, state, reading.inputs[sample], reading.p),
+        x,
+        float(time[-1] - time[0]),
+        lambda k: f"state '{system.state_names[k]}'",
+    )
+    text = too_many(used, allowed, t, cause)
+    return SimulationError(f"record '{reading.experiment.name}': {text}", Stop.TOO_MANY_EVALUATIONS, used)
 
-    A piece that cannot be simulated keeps its beginning, with an infinite error; the third is the error where it took
-    too many evaluations.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Piece:
+    """A piece of a record that was simulated.
+
+    Parameters
+    ----------
+    states : ndarray, shape (nt, n)
+    error : float
+        Largest error of an output over its spread in the record; infinite where the simulation failed.
+    evaluations : int
     """
+
+    states: np.ndarray
+    error: float
+    evaluations: int = 0
+
+
+def _simulated_piece(reading: SensorReading, first: int, last: int, start: np.ndarray) -> _Piece:
+    """Return the states from sample to sample; a piece that cannot be simulated keeps its beginning."""
     experiment, system = reading.experiment, reading.system
     if last == first:
-        return start[None, :], 0.0, None
+        return _Piece(states=start[None, :], error=0.0)
     time = np.array(experiment.record.time[first : last + 1])
     try:
         run = simulate(
@@ -232,10 +258,11 @@ def _simulated_piece(
             rtol=1e-5,
         )
     except SimulationError as error:
-        gave_up = error if error.stop is Stop.TOO_MANY_EVALUATIONS else None
-        return np.tile(start, (time.size, 1)), float("inf"), gave_up
+        return _Piece(states=np.tile(start, (time.size, 1)), error=float("inf"), evaluations=error.evaluations)
     outputs = np.column_stack([run[n] for n in experiment.outputs])
     with np.errstate(over="ignore"):  # what runs away is infinitely far
         errors = np.sqrt(np.mean((outputs - reading.values[first : last + 1]) ** 2, axis=0))
     spread = np.maximum(np.std(reading.values, axis=0), reading.noise)
-    return run.states, float(np.max(errors / spread)), None
+    return _Piece(
+        states=run.states, error=float(np.max(errors / spread)), evaluations=int(run.statistics.get("nfev", 0))
+    )

@@ -16,9 +16,11 @@ import numpy as np
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.search.moves import Decision
+from discrepancy.stages.beyond_belief import beyond_belief
 from discrepancy.stages.fit_stage import FittedValues, fitted_stage
 from discrepancy.stages.stage import Stage
 from estimation.fit.calibrate import evaluate
+from multibody.base.errors import SimulationError
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -155,6 +157,9 @@ class SearchState:
         self.stages.append(self.fitted("as given", (), None, noise, calibrated=False))
         self.progress("recalibrate the uncertain parameters")
         self.stages.append(self.fitted("recalibrated", (), None, noise))
+        if fault := beyond_belief(self.stages[-1]):
+            self.stages.clear()
+            raise SimulationError(fault)
         self.save()
 
     def save(self) -> None:
@@ -164,8 +169,6 @@ class SearchState:
 
     def if_simulated(self, question: str, answer: Callable[[], Answer]) -> Answer | None:
         """Return an answer; None, and a note in ``unanswered``, where the latest model cannot be simulated for it."""
-        from multibody.base.errors import SimulationError
-
         try:
             return answer()
         except SimulationError as error:

@@ -10,7 +10,7 @@ import numpy as np
 from estimation.response.run_differences import derivatives_of_runs
 from multibody.base.errors import SimulationError, Stop, StopMessage
 from multibody.system.along_trajectory import observe_along
-from multibody.system.not_finite import not_finite
+from multibody.system.not_finite import not_finite, not_finite_beyond
 from multibody.system.stepped import SteppedRun, run_stepped
 
 if TYPE_CHECKING:
@@ -61,15 +61,15 @@ class RecordSimulation:
     rtol: float
     max_evaluations: int | None = None
 
-    def error(self, reason: object) -> SimulationError:
+    def error(self, reason: object, evaluations: int = 0) -> SimulationError:
         """Return the error that names the system and the record."""
         stop = reason.stop if isinstance(reason, StopMessage) else Stop.OTHER
-        return SimulationError(f"'{self.system.name}' on record '{self.record}': {reason}", stop)
+        return SimulationError(f"'{self.system.name}' on record '{self.record}': {reason}", stop, evaluations)
 
     def _not_finite(self, row: int, x: np.ndarray) -> SimulationError:
         """Return the error that says where an output that is not finite is born, or which one is beyond all bounds."""
         t, u = float(self.time[row]), np.asarray(self.inputs[row])
-        text = not_finite(self.system, t, x, u, self.p, "outputs")
+        text = not_finite(self.system, t, x, u, self.p, "outputs") or not_finite_beyond(self.system, t, x, u, self.p)
         if not text:
             y = self.system.outputs_at(t, x, u, self.p)
             worst = max(self.outputs.tolist(), key=lambda k: abs(y[k]))
@@ -182,5 +182,5 @@ class RecordSimulation:
         if bad:
             raise self._not_finite(*bad[0])
         if solution.status < 0:
-            raise self.error(solution.message)
+            raise self.error(solution.message, int(solution.nfev))
         return y, dy, int(solution.nfev)

@@ -59,11 +59,13 @@ class SimulationError(RuntimeError):
     message : str
     stop : Stop
         Why an integration stopped, for programs.
+    evaluations : int
+        Evaluations of the equations that the integration took until then.
     """
 
-    def __init__(self, message: str, stop: Stop = Stop.OTHER) -> None:
-        self.stop = stop
+    def __init__(self, message: str, stop: Stop = Stop.OTHER, evaluations: int = 0) -> None:
+        self.stop, self.evaluations = stop, evaluations
         super().__init__(message)
 
-    def __reduce__(self) -> tuple[type[SimulationError], tuple[str, Stop]]:
-        return type(self), (str(self), self.stop)
+    def __reduce__(self) -> tuple[type[SimulationError], tuple[str, Stop, int]]:
+        return type(self), (str(self), self.stop, self.evaluations)

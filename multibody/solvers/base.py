@@ -325,7 +325,7 @@ class NativeSolver(OdeSolver):
             self.problem.check()
             if samples is not None and (status != MORE or samples.receive is not None):
                 tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
-            within = tally[EVALUATIONS] <= self._allowed()
+            within = tally[EVALUATIONS] <= self._allowed() and not self._runs_away()
             if status != BUFFER_FULL and not (status == MORE and unseen and within):
                 break
         self.nfev, self.njev, self.nlu = (
@@ -339,9 +339,13 @@ class NativeSolver(OdeSolver):
         self.y = self._state.copy()
         if status == TOO_SMALL and tally[DONE] == 0:
             return False, self._explanation()
-        if self.nfev > self._allowed() and status != FINISHED:
+        if self._runs_away() or (self.nfev > self._allowed() and status != FINISHED):
             return False, self._given_up()
         return True, None
+
+    def _runs_away(self) -> bool:
+        """Tell whether a state has become larger than anything that a machine can be."""
+        return not bool(np.all(np.abs(self._state[: self.problem.n]) < RUNAWAY))
 
     def _allowed(self) -> int:
         """Return the evaluations that are allowed up to here."""
@@ -350,8 +354,9 @@ class NativeSolver(OdeSolver):
 
     def _given_up(self) -> StopMessage:
         problem, x = self.problem, self.y[: self.problem.n]
-        if not np.all(np.abs(x) < RUNAWAY) and problem.explain is not None and (text := problem.explain(self.t, x)):
-            return StopMessage(text, Stop.NOT_FINITE)
+        if self._runs_away():
+            text = problem.explain(self.t, x) if problem.explain is not None else ""
+            return StopMessage(text or f"the states are beyond {RUNAWAY:g} at t = {self.t:.9g} s", Stop.NOT_FINITE)
         cause = cause_of_small_steps(
             lambda state: problem.derivative(self.t, state), x, abs(self.t_bound - self._from), problem.name_of
         )

@@ -22,8 +22,8 @@ EVALUATIONS_PER_SAMPLE = 2000
 """More of them for each sample and each time of an input: steps of a three-hundredth of a sample are followed."""
 HOPELESS = 10.0
 """An integration is given up before its limit where it would need so many times the limit at its pace so far."""
-RUNAWAY = 1e100
-"""A state beyond this has left everything that a machine can be."""
+RUNAWAY = 1e30
+"""An integration ends where a state is beyond this, SI: nothing that a machine can be is as large."""
 FAST = 1e-5
 """Time constant, as a share of the interval, below which a state is fast."""
 

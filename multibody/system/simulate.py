@@ -276,9 +276,8 @@ class _Task:
         solution, reason = self._compiled(limits) if self.method in NATIVE else self._by_scipy(limits)
         if solution.status < 0 or not np.all(np.isfinite(solution.y)):
             message = solution.message
-            raise SimulationError(
-                self._failure(solution), message.stop if isinstance(message, StopMessage) else Stop.OTHER
-            )
+            stop = message.stop if isinstance(message, StopMessage) else Stop.OTHER
+            raise SimulationError(self._failure(solution), stop, int(solution.nfev))
         statistics = {
             "why": reason,
             "nfev": solution.nfev,
