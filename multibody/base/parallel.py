@@ -55,7 +55,7 @@ def parallel_map(work: Callable[[T], R], items: Iterable[T], *, most: int | None
     return [task.value for task in tasks]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Task(Generic[R]):
     """A call that a `Crew` was asked for, and what came of it."""
 
@@ -116,7 +116,7 @@ class Crew:
 
     def submit(self, work: Callable[[T], R], item: T) -> Task[R]:
         """Ask for a call."""
-        task = Task(self, lambda: work(item))
+        task = Task(crew=self, work=lambda: work(item))
         with self.changed:
             if self._closed:
                 return task
