@@ -7,9 +7,9 @@ import numpy as np
 from discrepancy.stages.stage import Stage
 from multibody.base.quantity_text import unit_text
 
-__all__ = ["LARGEST_ERROR", "beyond_belief"]
+__all__ = ["beyond_belief"]
 
-LARGEST_ERROR = 1e5
+_LARGEST = 1e5
 """Of the largest value that was recorded in the same unit: more than a logger with 16 bits tells apart."""
 
 
@@ -27,7 +27,7 @@ def beyond_belief(stage: Stage) -> str:
     errors = stage.rmse("identify")
     for name in stage.outputs:
         size = largest[unit[name]]
-        if size > 0.0 and not errors[name] < LARGEST_ERROR * size:
+        if size > 0.0 and not errors[name] < _LARGEST * size:
             of = unit_text(unit[name])
             return (
                 f"'{name}': the error after calibration is {errors[name]:.3g} {of}, and the largest value recorded in "

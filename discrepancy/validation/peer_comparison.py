@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy.validation.trials import file_name
-from multibody.base.stopping import die_with_parent
+from multibody.base.process_pool import process_pool
 
 __all__ = ["OURS", "PeerTrial", "missing_peers", "peer_page", "run_peers"]
 
@@ -177,8 +176,7 @@ def run_peers(
     ModuleNotFoundError
         If a program that is compared with is not installed.
     """
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures import as_completed
 
     if lacking := missing_peers():
         raise ModuleNotFoundError(
@@ -189,8 +187,7 @@ def run_peers(
     done = read_peers(path)
     known = {(t.seed, t.hidden) for t in done}
     left = [task for task in _plan(trials, first, module) if task[:2] not in known]
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, die_with_parent, (os.getpid(),)) as pool, path.open("a") as stream:
+    with process_pool(workers) as pool, path.open("a") as stream:
         for count, ready in enumerate(as_completed([pool.submit(_run, task) for task in left]), 1):
             trial = ready.result()
             stream.write(json.dumps(asdict(trial)) + "\n")

@@ -8,7 +8,6 @@ JSON-lines file, so that an interrupted run continues where it stopped.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 from discrepancy.validation.cases import MACHINES, diagnosed, hidden_trial, machine_module, null_trial
 from discrepancy.validation.masking_cases import masking_trial
 from discrepancy.validation.trials import SUITES, Trial, file_name, page, rates, read_trials, with_section
-from multibody.base.stopping import die_with_parent
+from multibody.base.process_pool import process_pool
 
 #: Machine, suite, seed and what is hidden.
 Task = tuple[str, str, int, tuple[str, ...]]
@@ -105,16 +104,12 @@ def run_suite(
     sample : int
         For ``"kinds"``: this many kinds, drawn by the first seed, instead of all.
     """
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-
     out.mkdir(parents=True, exist_ok=True)
     path = out / file_name(machine, suite)
     done = read_trials(path)
     known = {(t.seed, () if suite == "masking" else t.hidden) for t in done}
     left = [task for task in _plan(suite, trials, first, module or machine, sample) if (task[2], task[3]) not in known]
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, die_with_parent, (os.getpid(),)) as pool, path.open("a") as stream:
+    with process_pool(workers) as pool, path.open("a") as stream:
         for count, trial in enumerate(pool.map(_run, left), 1):
             stream.write(json.dumps(asdict(trial)) + "\n")
             stream.flush()

@@ -10,7 +10,7 @@ import hashlib
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 from gearbox.files.operating_condition import OperatingCondition
 from gearbox.signals.signal import Signal
 from gearbox.updating.virtual import Run, Settings, VibrationModel, run_model
+from multibody.base.process_pool import process_pool
 from multibody.base.progress import Progress, Step, silent
 
 __all__ = ["ModelSource", "Runs"]
@@ -201,10 +202,7 @@ class Runs:
         if self.processes == 1 or count < 2 or not isinstance(self.source, ModelSource):
             return self._own
         if self._own is None:
-            import multiprocessing
-
-            # A fork of a process whose threads draw progress or hold locks of compiled code may hang.
-            self._own = ProcessPoolExecutor(self.processes, mp_context=multiprocessing.get_context("spawn"))
+            self._own = process_pool(self.processes)
         return self._own
 
     # ---------------------------------------------------------------- keeping

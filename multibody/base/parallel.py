@@ -1,14 +1,16 @@
-"""A map over threads: compiled loops release the interpreter, so that they run at the same time."""
+"""Calls by several threads: compiled loops release the interpreter, so that they run at the same time."""
 
 from __future__ import annotations
 
 import _thread as _thread_module
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-__all__ = ["available_cores", "parallel_map"]
+__all__ = ["Crew", "Task", "available_cores", "parallel_map"]
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -44,73 +46,142 @@ def parallel_map(work: Callable[[T], R], items: Iterable[T], *, most: int | None
     count = min(len(items), available if most is None else min(most, available))
     if count < 2:
         return [work(item) for item in items]
-    return _Shared(work, items, max(1, available // count)).done_by(count)
+    with Crew(count - 1, max(1, available // count), give_up=True) as crew:
+        tasks = [crew.submit(work, item) for item in items]
+        crew.work_off()
+    for task in tasks:
+        if task.error is not None:
+            raise task.error
+    return [task.value for task in tasks]
 
 
-class _Shared(Generic[T, R]):
-    """Items that this thread and others take one after the other.
+@dataclass(eq=False, kw_only=True)
+class Task(Generic[R]):
+    """A call that a `Crew` was asked for, and what came of it."""
+
+    crew: Crew
+    work: Callable[[], R]
+    begun: bool = False
+    done: bool = False
+    value: Any = None
+    error: BaseException | None = None
+
+    def result(self) -> R:
+        """Return the value, or raise the error; a call that no thread has begun is made by this one."""
+        if self.crew.takes(self):
+            self.crew.make(self)
+        with self.crew.changed:
+            while not self.done:
+                self.crew.changed.wait()
+        if self.error is not None:
+            raise self.error
+        value: R = self.value
+        return value
+
+
+class Crew:
+    """This thread and helpers, which make calls in the order in which they were asked for.
 
     A thread that got no memory may never begin, and ``threading.Thread.start``, as an executor calls it, then waits for
-    it for ever.  Here only those are waited for that have taken an item, and what nobody takes this thread does itself.
+    it for ever.  Here only those are waited for that have begun a call, and what nobody begins this thread does itself.
+    Leaving the ``with`` block drops calls that have not begun, and waits for those that have.
 
     Parameters
     ----------
-    work : callable
-    items : list
+    helpers : int
+        Threads beside this one; begun as there is work for them.
     cores : int
-        That each thread may use.
+        That each call may use.
+    give_up : bool
+        Drop what has not begun when a call fails.
     """
 
-    def __init__(self, work: Callable[[T], R], items: list[T], cores: int) -> None:
-        self.work, self.items, self.cores = work, items, cores
-        self.results: list[Any] = [None] * len(items)
-        self.errors: list[BaseException | None] = [None] * len(items)
+    def __init__(self, helpers: int, cores: int = 1, *, give_up: bool = False) -> None:
+        self.helpers, self.cores, self.give_up = helpers, cores, give_up
         self.changed = threading.Condition()
-        self.next = 0  # item to be taken
-        self.busy = 0  # helpers that have taken one
+        self._waiting: deque[Task[Any]] = deque()
+        self._busy = 0  # helpers that make a call
+        self._closed = False
 
-    def done_by(self, count: int) -> list[R]:
-        """Return the results of all items, by so many threads at most."""
-        for _ in range(count - 1):
-            try:
-                _thread_module.start_new_thread(self._take, (True,))
-            except RuntimeError:  # the system has no memory for a further thread
-                break
-        try:
-            self._take(False)
-        finally:
-            with self.changed:
-                self.next = len(self.items)
-                while self.busy:
-                    self.changed.wait()
-        for error in self.errors:
-            if error is not None:
-                raise error
-        return self.results
+    def __enter__(self) -> Crew:
+        return self
 
-    def _next(self, helps: bool) -> int | None:
+    def __exit__(self, *failure: object) -> None:
         with self.changed:
-            if self.next == len(self.items):
-                return None
-            self.next += 1
-            self.busy += helps
-            return self.next - 1
+            self._closed = True
+            self._waiting.clear()
+            self.changed.notify_all()
+            while self._busy:
+                self.changed.wait()
 
-    def _take(self, helps: bool) -> None:
+    def submit(self, work: Callable[[T], R], item: T) -> Task[R]:
+        """Ask for a call."""
+        task = Task(crew=self, work=lambda: work(item))
+        with self.changed:
+            if self._closed:
+                return task
+            self._waiting.append(task)
+            self.changed.notify_all()
+        if self.helpers > 0:
+            self.helpers -= 1
+            try:
+                _thread_module.start_new_thread(self._help, ())
+            except RuntimeError:  # the system has no memory for a further thread
+                self.helpers = 0
+        return task
+
+    def work_off(self) -> None:
+        """Make all calls that have not begun, beside the helpers, and wait for those that have."""
+        while (task := self._next(helps=False)) is not None:
+            self.make(task)
+        with self.changed:
+            while self._busy:
+                self.changed.wait()
+
+    def takes(self, task: Task[Any]) -> bool:
+        """Tell whether a call has not begun, and is this thread's from now on."""
+        with self.changed:
+            if task.begun:
+                return False
+            task.begun = True
+            if task in self._waiting:
+                self._waiting.remove(task)
+            return True
+
+    def make(self, task: Task[Any]) -> None:
+        """Make a call that was taken."""
         before = getattr(_thread, "cores", 0)
         _thread.cores = self.cores
         try:
-            while (k := self._next(helps)) is not None:
-                try:
-                    self.results[k] = self.work(self.items[k])
-                except BaseException as error:
-                    self.errors[k] = error
-                    with self.changed:
-                        self.next = len(self.items)
-                finally:
-                    if helps:
-                        with self.changed:
-                            self.busy -= 1
-                            self.changed.notify()
+            task.value = task.work()
+        except BaseException as error:
+            task.error = error
+            if self.give_up:
+                with self.changed:
+                    self._waiting.clear()
         finally:
             _thread.cores = before
+            with self.changed:
+                task.done = True
+                self.changed.notify_all()
+
+    def _next(self, *, helps: bool) -> Task[Any] | None:
+        """Return the next call; None where there is none left, for a helper at the end alone."""
+        with self.changed:
+            while helps and not self._waiting and not self._closed:
+                self.changed.wait()
+            if not self._waiting:
+                return None
+            task = self._waiting.popleft()
+            task.begun = True
+            self._busy += helps
+            return task
+
+    def _help(self) -> None:
+        while (task := self._next(helps=True)) is not None:
+            try:
+                self.make(task)
+            finally:
+                with self.changed:
+                    self._busy -= 1
+                    self.changed.notify_all()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["Stopped", "die_with_parent", "go_on", "raise_if_stopped", "stoppable"]
+__all__ = ["Stopped", "go_on", "raise_if_stopped", "stoppable"]
 
 _reason = ""
 
@@ -83,30 +81,3 @@ def stoppable(seconds: float | None = None) -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
         go_on()
-
-
-def die_with_parent(parent: int) -> None:
-    """Let this process end when its parent does, also where the parent is killed; for the start of worker processes.
-
-    On Linux the kernel sees to it; elsewhere a thread looks every second.
-
-    Parameters
-    ----------
-    parent : int
-        Process id of the parent.
-    """
-    if sys.platform == "linux":
-        import ctypes
-
-        parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
-        ctypes.CDLL(None, use_errno=True).prctl(parent_death_signal, signal.SIGKILL)
-        if os.getppid() != parent:  # it ended before
-            os._exit(1)
-        return
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            threading.Event().wait(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
-from multibody.base.stopping import die_with_parent
+from multibody.base.process_pool import process_pool
 from multibody.machine.model import Model, System
 
 __all__ = ["Outcome", "run_many", "simulate_many"]
@@ -84,12 +84,7 @@ def run_many(
     count = max(1, workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
     with ExitStack() as stack:
         if executor is None:
-            from concurrent.futures import ProcessPoolExecutor
-            from multiprocessing import get_context
-
-            executor = stack.enter_context(
-                ProcessPoolExecutor(count, get_context("spawn"), die_with_parent, (os.getpid(),))
-            )
+            executor = stack.enter_context(process_pool(count))
         waiting: deque[tuple[int, Future[Any]]] = deque()
         failed = 0
         try:

@@ -12,11 +12,12 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from multibody.base.parallel import Crew, Task
 from multibody.solvers.groups import GROUP_BYTES, Group, Item, Run
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.run import integrate
@@ -58,7 +59,7 @@ def batch(
     """
     count = workers or os.cpu_count() or 1
     group = Group(dict(options, t_span=t_span, t_eval=t_eval))
-    waiting: deque[Future[tuple[list[Run], float]]] = deque()
+    waiting: deque[Task[tuple[list[Run], float]]] = deque()
     source: Iterator[Item] = ((i, problem, x0) for i, (problem, x0) in enumerate(runs))
     first = next(source, None)
     if first is None:
@@ -66,26 +67,22 @@ def batch(
     source = itertools.chain([first], source)
     group.look_for_lanes(first[1], 0.0)
     size, spent, failed = group.size(group.bytes_of(first[1])), 0.0, 0
-    with ThreadPoolExecutor(count) as pool:
-        try:
-            while True:
-                ahead = AHEAD if 4 * size * group.bytes_of(first[1]) <= GROUP_BYTES else AHEAD // 2
-                while len(waiting) < ahead * count and (items := list(itertools.islice(source, size))):
-                    waiting.append(pool.submit(_timed, group, items))
-                if not waiting:
-                    return
-                done, pace = waiting.popleft().result()
-                spent += pace * len(done)
-                group.look_for_lanes(first[1], spent)
-                size = group.size(max(run.y.nbytes for run in done), pace)
-                for run in done:
-                    failed += not run.success
-                    if progress is not None:
-                        progress(f"run {run.index + 1}" + (f", {failed} failed" if failed else ""))
-                    yield run
-        finally:
-            for future in waiting:
-                future.cancel()
+    with Crew(count - 1) as crew:  # this thread works as well
+        while True:
+            ahead = AHEAD if 4 * size * group.bytes_of(first[1]) <= GROUP_BYTES else AHEAD // 2
+            while len(waiting) < ahead * count and (items := list(itertools.islice(source, size))):
+                waiting.append(crew.submit(partial(_timed, group), items))
+            if not waiting:
+                return
+            done, pace = waiting.popleft().result()
+            spent += pace * len(done)
+            group.look_for_lanes(first[1], spent)
+            size = group.size(max(run.y.nbytes for run in done), pace)
+            for run in done:
+                failed += not run.success
+                if progress is not None:
+                    progress(f"run {run.index + 1}" + (f", {failed} failed" if failed else ""))
+                yield run
 
 
 def _timed(group: Group, items: list[Item]) -> tuple[list[Run], float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -286,3 +288,35 @@ def test_stiff_runs_leave_their_lanes(at_once):
     for run, (problem, start) in zip(batch(many, (0.0, 1.0), t, 1, rtol=1e-5), many, strict=True):
         np.testing.assert_array_equal(run.y, integrate(problem, (0.0, 1.0), start, t, rtol=1e-5).y)
     assert sum(at_once) > 70  # but for a few left over at the end
+
+
+WITHOUT_MEMORY = """
+import resource, sys
+import numpy as np
+from multibody import Model
+from multibody.library import Mass, Spring
+from multibody.solvers.batch import batch
+from multibody.system.simulate import input_table, native_problem
+
+model = Model("oscillator")
+body, spring = model.add("body", Mass(m=2.0, position=0.1)), model.add("spring", Spring(stiffness=50.0))
+model.connect(spring.a, model.ground)
+model.connect(spring.b, body.flange)
+system = model.build()
+p = system.parameter_vector(None)
+problem = native_problem(system, p, input_table(system, None))
+runs = [(problem, system.start)] * 200
+times = np.linspace(0.0, 50.0, 101)
+before = [run.y for run in batch(runs, (0.0, 50.0), times, workers=1)]
+pages = int(open("/proc/self/statm").read().split()[0])
+resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (4 << 20),) * 2)
+after = [run.y for run in batch(runs, (0.0, 50.0), times, workers=8)]
+assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+print("done")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are those of Linux")
+def test_runs_end_where_no_thread_gets_memory() -> None:
+    run = subprocess.run([sys.executable, "-c", WITHOUT_MEMORY], capture_output=True, text=True, timeout=120)
+    assert run.stdout == "done\n", run.stderr

@@ -86,12 +86,10 @@ def test_the_time_limit_is_read_before_the_command() -> None:
 
 PARENT = """
 import os, time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-from multibody.base.stopping import die_with_parent
+from multibody.base.process_pool import process_pool
 
 if __name__ == "__main__":
-    pool = ProcessPoolExecutor(2, get_context("spawn"), die_with_parent, (os.getpid(),))
+    pool = process_pool(2)
     futures = [pool.submit(time.sleep, 60.0 + k) for k in range(2)]
     while len(pool._processes) < 2 or not all(f.running() for f in futures):
         time.sleep(0.05)
@@ -120,6 +118,13 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
             break
         time.sleep(0.1)
     assert left == []
+
+
+def test_no_pool_is_made_whose_workers_outlive_their_parent() -> None:
+    root = Path(__file__).parents[2]
+    packages = ("multibody", "estimation", "surrogate", "discrepancy", "operation", "vtsdt", "gearbox")
+    made = [p for name in packages for p in (root / name).rglob("*.py") if "ProcessPoolExecutor(" in p.read_text()]
+    assert [p.name for p in made] == ["process_pool.py"]
 
 
 def _lives(process: int) -> bool:
