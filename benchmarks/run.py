@@ -215,9 +215,6 @@ HEADER = """# Computing times
 writes their sections only. The entries of a table take turns; the ratio is to the first of them, as the median (and
 the quartiles) of the ratios within each round. A ratio whose quartiles span 1 is no difference. What takes less than
 20 ms is called several times in a turn.
-
-On pages of their own: [broken inputs](broken-inputs.md), [exported units](fmu.md), [guide
-alignment](guide-alignment.md), [the workbench](workbench.md).
 """
 
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from discrepancy.problem.problem import read_problem
+from estimation.files.read_table import READERS
 from multibody.base.json_file import write_json_atomically
 from multibody.base.terminal_text import printable
 from operation.follow.follower import Follower, Taken
@@ -96,7 +97,7 @@ def follow(args: Namespace, priors_of_others: FleetPriors) -> int:
 
 
 def _source(args: Namespace, out: Path, machine: str, stack: ExitStack) -> FolderSource:
-    patterns = tuple(args.pattern or ("*.csv", "*.csv.gz", "*.parquet", "*.mat"))
+    patterns = tuple(args.pattern or (f"*{ending}" for ending in READERS if ending != ".txt"))  # notes are texts, too
     if "://" in args.source:
         inbox = out / "inbox"
         address = MqttAddress.parse(args.source)
@@ -112,7 +113,7 @@ def _source(args: Namespace, out: Path, machine: str, stack: ExitStack) -> Folde
 
 def _line(taken: Taken) -> str:
     what = "known" if not taken.new else (f"refused: {taken.refused}" if taken.refused else taken.state.word)
-    shown = "; ".join(f"{e.kind}: {e.subject}" for e in taken.events)
+    shown = "; ".join([*([taken.clock] if taken.clock else []), *(f"{e.kind}: {e.subject}" for e in taken.events)])
     return printable(f"{taken.path.name}: {what}{f' ({shown})' if shown else ''}")
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from multibody.base.progress import silent
 from multibody.base.quantity_text import count_text
 from operation.follow.judge import Judged
@@ -22,7 +24,7 @@ from operation.store.store import Event, Store
 
 __all__ = ["Follower", "Taken", "record_time"]
 
-#: Seconds by which a record may lie ahead of the computer's clock before that is reported.
+#: Seconds by which a record may lie ahead of the computer's clock before one of the two clocks is wrong.
 AHEAD = 86400.0
 _DIRECTIVES = {"Y": r"\d{4}", "m": r"\d\d", "d": r"\d\d", "H": r"\d\d", "M": r"\d\d", "S": r"\d\d", "j": r"\d{3}"}
 
@@ -47,6 +49,8 @@ class Taken:
         False where its content was known.
     refused : str
         Why it could not be judged.
+    clock : str
+        What was done about a stamp that lies ahead of the computer's clock.
     events : tuple of Event
         That it has shown.
     seconds : float
@@ -57,6 +61,7 @@ class Taken:
     state: MachineState
     new: bool
     refused: str = ""
+    clock: str = ""
     events: tuple[Event, ...] = ()
     seconds: float = 0.0
 
@@ -92,6 +97,8 @@ class Follower:
     study : Path or None
         Where the search for missing effects may be called: the study file.
     progress : callable
+    clock : callable
+        The computer's time, s since 1970.
     """
 
     judge: Judge
@@ -100,6 +107,7 @@ class Follower:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     study: Path | None = None
     progress: Callable[[str], None] = silent
+    clock: Callable[[], float] = time.time
 
     @property
     def reference_from(self) -> float:
@@ -122,7 +130,8 @@ class Follower:
         begun = time.process_time()
         machine = self.settings.machine
         self.progress(f"judge {path.name}")
-        judged = self.judge(path, record_time(path, self.settings.stamp))
+        at, clock = self._at(path)
+        judged = self.judge(path, at)
         new = self.store.add(machine, judged.judgement, judged.series)
         state = self.state()
         events = self._events(state, path) if new and not judged.judgement.refused else ()
@@ -133,9 +142,24 @@ class Follower:
             state=state,
             new=new,
             refused=judged.judgement.refused,
+            clock=clock if new else "",
             events=events,
             seconds=time.process_time() - begun,
         )
+
+    def _at(self, path: Path) -> tuple[float, str]:
+        """Return when a file was recorded, and what to say of a stamp that cannot be.
+
+        A clock that jumped ahead would stand after all records of years; one that jumped back stands before them,
+        which changes nothing.  Where the computer's clock lies before the records kept, it is the one that is wrong.
+        """
+        at, now = record_time(path, self.settings.stamp), self.clock()
+        if at <= now + AHEAD:
+            return at, ""
+        if now < max((j.at for j in self.store.judgements(self.settings.machine)), default=-math.inf):
+            return at, ""
+        stamped = f"{np.datetime64(int(at), 's')}".replace("T", " ")
+        return now, f"stamped {stamped}, ahead of this computer's clock: taken as recorded now; set the clock"
 
     def _events(self, state: MachineState, path: Path) -> tuple[Event, ...]:
         events = []

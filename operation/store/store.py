@@ -270,15 +270,16 @@ class Store:
         series, records : float, s, optional
             Age from which the signals, and the records with all they gave, are forgotten; default: never.
         now : float, s, optional
-            Default: the latest record of each machine, so that a clock that jumps forgets nothing.
+            Default: the latest record of each machine or the computer's time, whichever is earlier, so that no clock
+            that jumps makes records forgotten.
         """
         gone = 0
         for machine in self.machines:
             owner = self._db.execute("SELECT id FROM machines WHERE name = ?", (machine,)).fetchone()[0]
             last = self._db.execute("SELECT MAX(at) FROM records WHERE machine = ?", (owner,)).fetchone()[0]
-            until = last if now is None else now
-            if until is None:
+            if last is None:
                 continue
+            until = min(last, time.time()) if now is None else now
             with self._transaction():
                 if records is not None:
                     done = self._db.execute(

@@ -143,31 +143,33 @@ def test_readings_that_come_late_end_where_they_belong(model, options):
     assert np.array_equal(online.state().state, before.state)
 
 
-def test_a_late_reading_at_a_known_instant_joins_its_sample(model):
+@pytest.mark.parametrize("method", ["extended", "unscented"])
+def test_a_late_reading_at_a_known_instant_joins_its_sample(model, method):
     samples = recording(3, 60)
     without = samples.readings.copy()
     without[30] = np.nan
-    online = OnlineFilter(model, NOISE, PRIOR, horizon=10.0)
+    online = OnlineFilter(model, NOISE, PRIOR, horizon=10.0, method=method)
     online.step(samples.times, samples.inputs, without)
     value = 0.011
     assert online.late_reading(samples.times[30], {"body.position": value})
     without[30, 0] = value
-    batch = extended_kalman_filter(model, FilterSamples(samples.times, samples.inputs, without), NOISE, PRIOR)
+    batch = whole_record(model, FilterSamples(samples.times, samples.inputs, without), {"method": method})
     assert online.state().state == pytest.approx(batch.states[-1], rel=CLOSE)
     assert online.taken == 60
 
 
 def test_without_readings_a_step_is_a_simulation(model):
     times = np.arange(400) * 0.005
-    online = OnlineFilter(model, NOISE, PRIOR)
+    online = OnlineFilter(model, NOISE, PRIOR)  # the mean of the unscented filter's points is no simulation
     run = online.step(times, np.zeros(400))
     trajectory = model.system.simulate(times[-1], initial={"body.position": 0.02}, times=times, inputs={"push": 0.0})
     # Runge and Kutta's method at 5 ms against the solver's tolerance of 1e-8
     assert np.max(np.abs(run["body.position"] - trajectory["body.position"])) < 1e-6
 
 
-def test_what_does_not_fit_is_refused_and_changes_nothing(model, tmp_path: Path):
-    online = OnlineFilter(model, NOISE, PRIOR)
+@pytest.mark.parametrize("method", ["extended", "unscented"])
+def test_what_does_not_fit_is_refused_and_changes_nothing(model, method, tmp_path: Path):
+    online = OnlineFilter(model, NOISE, PRIOR, method=method)
     with pytest.raises(FilterError, match="first sample needs its inputs push"):
         online.step(0.0)
     online.step(0.0, 0.0, {"body.position": 0.02})
@@ -187,14 +189,15 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(model, tmp_path: Path)
     path = state.save(tmp_path / "state.npz")
     other = Noise({"body.velocity": 2e-3}, {"body.position": 1e-6, "body.velocity": 1e-3})
     with pytest.raises(FilterError, match="belongs to another model"):
-        OnlineFilter(model, other, resume=OnlineState.load(path))
+        OnlineFilter(model, other, method=method, resume=OnlineState.load(path))
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(FilterError, match="no saved state"):
         OnlineState.load(path)
 
 
-def test_a_filter_that_diverges_keeps_its_state(model):
-    online = OnlineFilter(model, NOISE, PRIOR)
+@pytest.mark.parametrize("method", ["extended", "unscented"])
+def test_a_filter_that_diverges_keeps_its_state(model, method):
+    online = OnlineFilter(model, NOISE, PRIOR, method=method)
     online.step(0.0, 0.0, {"body.position": 0.02})
     before = online.state()
     with pytest.raises(RuntimeError, match="diverged"):

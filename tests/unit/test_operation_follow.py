@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import calendar
 import getpass
 import gzip
 import json
@@ -21,10 +22,10 @@ import pytest
 
 from discrepancy.rigs.axis import make_axis
 from operation.follow.command import study_priors
-from operation.follow.follower import Follower, record_time
-from operation.follow.judge import StudyJudge
+from operation.follow.follower import Follower, Taken, record_time
+from operation.follow.judge import Judged, StudyJudge
 from operation.follow.notify import NotDelivered, deliver
-from operation.follow.settings import Alarms, read_settings
+from operation.follow.settings import Alarms, FollowSettings, read_settings
 from operation.sources.folder import FolderSource
 from operation.sources.mqtt import MqttAddress, MqttInbox, SourceError
 from operation.store.judgement import Judgement, Quantity
@@ -98,7 +99,8 @@ def test_records_twice_out_of_order_and_broken_ones(study: Path, tmp_path: Path)
     order = [3, 0, 4, 1, 2]
     with Store(tmp_path / "a") as store, Store(tmp_path / "b") as other:
         for target, numbers in ((store, range(5)), (other, order)):
-            follower = Follower(judge=StudyJudge(study, settings), store=target, settings=settings)
+            judge = StudyJudge(study, settings)
+            follower = Follower(judge=judge, store=target, settings=settings, clock=lambda: 2e9)
             for k in numbers:
                 copy = tmp_path / f"{target.folder.name}-2026-03-{k + 1:02d}.csv.gz"
                 shutil.copy(files[k], copy)
@@ -121,6 +123,46 @@ def test_records_twice_out_of_order_and_broken_ones(study: Path, tmp_path: Path)
         assert "largest carriage.velocity" in one[0].quantities
         assert taken.state.records == 5
         assert taken.state.refused == 1
+
+
+def _stamped(path: Path, at: float) -> Judged:
+    """Judge by the name alone: friction of 20 N with a deviation of 1 N."""
+    value = 20.0 + float(np.random.default_rng(int(path.stem.split("-")[0])).standard_normal())
+    quantities = {"friction": Quantity(value=value, std=1.0, unit="N", kind="parameter")}
+    return Judged(Judgement(key=path.name, name=path.name, at=at, quantities=quantities))
+
+
+def test_clocks_that_jump_forget_nothing_and_change_nothing(tmp_path: Path) -> None:
+    """The recorder's clock jumps to 2036 and back to 1970, then the computer's own stands in 1970."""
+    settings = FollowSettings(machine="m", stamp="%Y%m%d", keep_records=200 * 86400.0)
+    begin, day = calendar.timegm((2026, 3, 1, 0, 0, 0)), 86400.0
+    clock = Clock()
+    with Store(tmp_path / "store") as store:
+        follower = Follower(judge=_stamped, store=store, settings=settings, clock=clock)
+
+        def take(number: int, stamp: str) -> Taken:
+            path = tmp_path / f"{number}-{stamp}.csv"
+            path.write_text("x")
+            clock.now = begin + number * day + 3600.0
+            return follower.take(path)
+
+        for k in range(40):
+            assert take(k, time.strftime("%Y%m%d", time.gmtime(begin + k * day))).clock == ""
+        ahead = take(40, "20360301")
+        assert "stamped 2036-03-01 00:00:00, ahead of this computer's clock: taken as recorded now" in ahead.clock
+        assert ahead.state.last == begin + 40 * day + 3600.0
+        assert ahead.state.records == 41  # those of before are not older than 200 days
+        behind = take(41, "19700102")
+        assert behind.clock == ""
+        kept = follower.state(now=clock.now)
+        assert kept.word == "as expected"
+        assert kept.last == ahead.state.last
+        clock.now = 0.0
+        path = tmp_path / "42-20260412.csv"
+        path.write_text("x")
+        late = follower.take(path)
+        assert late.clock == ""  # the computer's clock lies before the records kept: it is the wrong one
+        assert late.state.last == begin + 42 * day
 
 
 def test_the_command_judges_a_folder_and_history_tells_it(study: Path, tmp_path: Path, capsys) -> None:

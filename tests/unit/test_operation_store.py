@@ -96,6 +96,16 @@ def test_retention_counts_from_the_latest_record_and_removes_files(tmp_path: Pat
         assert store.to_frame()["value"].tolist() == [2.0, 3.0]
 
 
+def test_a_record_of_the_future_makes_none_forgotten(tmp_path: Path) -> None:
+    """Kept by an earlier version, or while the computer's own clock was ahead."""
+    now = time.time()
+    with Store(tmp_path) as store:
+        for k, at in enumerate((now - 100.0, now - 50.0, now + 4e8)):
+            store.add("m", judgement(f"{k}" * 32, at=at, x=1.0))
+        assert store.retain(records=1000.0) == 0
+        assert len(store.judgements("m")) == 3
+
+
 def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="there is no history"):
         Store(tmp_path / "nothing", create=False)

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
         help="a folder of recordings to come, or a broker and topic",
     )
     add("--machine", metavar="NAME", help="name of the machine in the history; default: the study's")
-    add("--pattern", metavar="PATTERN", action="append", help="of the file names; default: CSV, Parquet, MATLAB")
+    add("--pattern", metavar="PATTERN", action="append", help="of the file names; default: every format but .txt")
     add("--poll", metavar="S", type=number(True, "time"), default=1.0, help="between two looks (default 1 s)")
     add(
         "--settle",
