@@ -12,12 +12,19 @@ from concurrent.futures import ProcessPoolExecutor
 __all__ = ["process_pool"]
 
 
-def process_pool(count: int) -> ProcessPoolExecutor:
+def process_pool(count: int, *, tasks: int | None = None) -> ProcessPoolExecutor:
     """Return a pool of so many new processes, which do not outlive this one, however it ends.
 
     They are started anew: a fork of a process whose threads draw progress or hold locks of compiled code may hang.
+
+    Parameters
+    ----------
+    count : int
+    tasks : int, optional
+        After which a process is replaced by a new one, which begins with empty memory.
     """
-    return ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _die_with_parent, (os.getpid(),))
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(count, context, _die_with_parent, (os.getpid(),), max_tasks_per_child=tasks)
 
 
 def _die_with_parent(parent: int) -> None:

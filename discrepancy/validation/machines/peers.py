@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -21,7 +20,7 @@ from typing import Any
 from discrepancy.validation.machines.judge import WORSE
 from discrepancy.validation.machines.reliability import jeffreys
 from discrepancy.validation.peer_comparison import OURS, missing_peers
-from multibody.base.stopping import die_with_parent
+from multibody.base.process_pool import process_pool
 
 __all__ = ["CaseAnswers", "Truth", "main", "our_answer", "peers_page", "scored"]
 
@@ -165,8 +164,7 @@ def _run_cases(
     cases: Sequence[tuple[Path, Path]], out: Path, *, workers: int, progress: Callable[[str], None]
 ) -> list[CaseAnswers]:
     """Run the comparison, or what an earlier run left of it, and return all its cases."""
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures import as_completed
 
     if lacking := missing_peers():
         raise ModuleNotFoundError(
@@ -178,9 +176,7 @@ def _run_cases(
     done = [CaseAnswers(**json.loads(line)) for line in lines if line.strip()]
     known = {c.case for c in done}
     left = [each for each in cases if each[0].name not in known]
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, die_with_parent, (os.getpid(),), max_tasks_per_child=1)
-    with pool, path.open("a", encoding="utf-8") as stream:
+    with process_pool(workers, tasks=1) as pool, path.open("a", encoding="utf-8") as stream:
         for count, ready in enumerate(as_completed([pool.submit(_run, *each) for each in left]), 1):
             case = ready.result()
             stream.write(json.dumps(asdict(case)) + "\n")
