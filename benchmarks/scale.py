@@ -86,7 +86,7 @@ class Cost:
     @property
     def end(self) -> str:
         """How the run ended, in words."""
-        return str(self.code) if self.ended else f"not ended in {self.limit / 60.0:g} minutes"  # type: ignore[operator]
+        return str(self.code) if self.ended else f"not ended in {self.limit / 60.0:g} min"  # type: ignore[operator]
 
 
 def measured(case: Case, options: Sequence[str] = (), limit: float | None = None) -> Cost:

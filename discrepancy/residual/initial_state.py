@@ -204,7 +204,7 @@ def estimate_states(experiment: Experiment, system: System, p: np.ndarray, piece
             used += shown.evaluations
             piece = min(piece, shown, key=lambda of: of.error)
         if used > allowed:
-            raise _too_many(reading, first, start, used, allowed)
+            raise _too_many(reading, last, piece.states[-1], used, allowed)
         states[first : last + 1] = piece.states
         start = states[last]
     return StateEstimate(states, reading)

@@ -18,6 +18,7 @@ from multibody import Model
 from multibody.base.errors import SimulationError, Stop
 from multibody.library import Mass
 from multibody.solvers import scipy_methods
+from multibody.solvers.limits import RUNAWAY
 from multibody.system.not_finite import not_finite
 
 PART = """
@@ -101,8 +102,19 @@ def test_a_state_that_is_not_finite_and_an_output_are_named(model) -> None:
 
 
 def test_a_model_that_runs_away_is_told_so(model) -> None:
-    with pytest.raises(SimulationError, match=r"state 'body\.\w+' has reached .* the model runs away; check the sign"):
+    with pytest.raises(
+        SimulationError, match=r"state 'body\.\w+' has reached .* the model runs away; check the sign"
+    ) as error:
         model("1e9 * x").build().simulate(10.0)
+    assert error.value.stop is Stop.NOT_FINITE
+    assert error.value.evaluations < 20_000  # it does not go on to the largest number, or to the end
+
+
+def test_a_model_that_ends_beyond_all_bounds_has_run_away(model) -> None:
+    far = np.log(2.0 * RUNAWAY)  # x = cosh(t)
+    assert model("x").build().simulate(0.9 * far).states[-1, 0] > 1e26
+    with pytest.raises(SimulationError, match="the model runs away"):
+        model("x").build().simulate(1.1 * far)
 
 
 def experiment() -> Experiment:
@@ -166,6 +178,20 @@ def test_a_record_of_which_no_piece_can_be_simulated_is_given_up_at_the_second(m
     assert len(set(tried)) == 2
 
 
+def test_pieces_that_are_slow_together_are_given_up(model, monkeypatch) -> None:
+    monkeypatch.setattr(initial_state, "most_evaluations", lambda *_: 100_000)
+    tried = []
+    whole = initial_state.simulate
+    monkeypatch.setattr(initial_state, "simulate", lambda *a, **k: (tried.append(a[1]), whole(*a, **k))[1])
+    system = model("-1e10 * x", shown="k * x").build()
+    told = r"record 'trip': .* more than the 200000 allowed by then, .*, and the fastest is state 'body.position', with"
+    with pytest.raises(SimulationError, match=told) as error:
+        initial_state.estimate_states(experiment(), system, system.p)
+    assert error.value.stop is Stop.TOO_MANY_EVALUATIONS
+    assert error.value.evaluations > 200_000
+    assert len(set(tried)) < 5  # of five pieces
+
+
 def test_a_method_of_scipy_has_the_same_limit(model, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scipy_methods, "most_evaluations", lambda *_: 1000)
     with pytest.raises(SimulationError, match="1000 evaluations of the equations, more than the 1000 allowed by then"):
@@ -173,5 +199,5 @@ def test_a_method_of_scipy_has_the_same_limit(model, monkeypatch: pytest.MonkeyP
 
 
 def test_the_error_keeps_its_reason_between_processes() -> None:
-    error = pickle.loads(pickle.dumps(SimulationError("it stopped", Stop.STEP_TOO_SMALL)))
-    assert (str(error), error.stop) == ("it stopped", Stop.STEP_TOO_SMALL)
+    error = pickle.loads(pickle.dumps(SimulationError("it stopped", Stop.STEP_TOO_SMALL, 7)))
+    assert (str(error), error.stop, error.evaluations) == ("it stopped", Stop.STEP_TOO_SMALL, 7)
