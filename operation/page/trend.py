@@ -14,7 +14,7 @@ from operation.follow.watch import Trace
 __all__ = ["trend_svg"]
 
 WIDTH, HEIGHT = 300, 96
-LEFT, RIGHT, TOP, BOTTOM = 4, 4, 18, 14
+LEFT, RIGHT, TOP, BOTTOM = 38, 4, 18, 14  # numbers of the axis stand left of the field
 #: Points that are drawn at most: more cannot be told apart at this size.
 MOST = 400
 
@@ -73,10 +73,10 @@ def trend_svg(trace: Trace, threshold: float | None = None) -> str:
         f"{now:.3g} {unit_text(unit)}".strip() if math.isfinite(now) else quantity_text(float(values[-1]), trace.unit)
     )
     name = trace.name if len(trace.name) < 40 else trace.name[:38] + "…"
-    parts.append(f'<text x="{LEFT}" y="12">{escape(name)}</text>')
+    parts.append(f'<text x="{RIGHT}" y="12">{escape(name)}</text>')
     parts.append(f'<text x="{WIDTH - RIGHT}" y="12" text-anchor="end" class="now">{escape(label)}</text>')
     for value, at in ((high, TOP + 9), (low, HEIGHT - BOTTOM - 3)):
-        parts.append(f'<text x="{LEFT + 3}" y="{at}" class="axis">{value / (factor or 1.0):.3g}</text>')
+        parts.append(f'<text x="{LEFT - 4}" y="{at}" text-anchor="end" class="axis">{value / (factor or 1.0):.3g}</text>')
     parts.append(f'<text x="{LEFT}" y="{HEIGHT - 3}" class="axis">{_day(first)}</text>')
     parts.append(f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 3}" text-anchor="end" class="axis">{_day(last)}</text>')
     return "".join([*parts, "</svg>"])

@@ -1,5 +1,7 @@
 """Changes in a series of records at a stated rate of false alarms: the cumulative sum of prediction errors.
 
+Beside it stands `operation.statistics.large_step`, for steps after few records.
+
 E. S. Page, Biometrika 41 (1954) 100 (the chart); D. Brook, D. A. Evans, Biometrika 59 (1972) 539 (its run length by a
 Markov chain); the errors are those of `operation.statistics.prediction_errors`, of standardised residuals.
 """
@@ -11,8 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from operation.statistics.prediction_errors import prediction_errors
-from operation.statistics.recursive_residuals import standardised_residuals
+from operation.statistics.large_step import large_step
+from operation.statistics.prediction_errors import correlation_before, prediction_errors
+from operation.statistics.recursive_residuals import recursive_residuals, standardised_residuals
 
 __all__ = ["Change", "control_chart", "decision_limit", "mean_run_length"]
 
@@ -22,6 +25,8 @@ REFERENCE = 0.5
 STATES = 120
 #: Records without an alarm that a limit may ask for, on the average.
 LONGEST_RUN = 1e7
+#: False alarms of the test for a large step, as a share of those that are stated: so few that the rate stays.
+STEP_SHARE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +36,13 @@ class Change:
     Parameters
     ----------
     found : int
-        Index of the record at which the sum passed its limit.
+        Index of the record at which the sum passed its limit, or a large step was seen.
     since : int
-        Index of the first record after the sum was last zero: the estimate of the change point.
+        Index of the first record after the sum was last zero, or of the large step: the estimate of the change point.
     up : bool
         Whether the values have grown.
     statistic : float
-        The sum, in standard deviations.
+        The sum, or the step, in standard deviations.
     """
 
     found: int
@@ -123,11 +128,14 @@ def control_chart(
     start = 0  # into kept
     while start < kept.size:
         rows = kept[start:]
-        u = standardised_residuals(values[rows], None if covariates is None else np.asarray(covariates)[rows])
+        given = values[rows], None if covariates is None else np.asarray(covariates)[rows]
+        u = standardised_residuals(*given)
         passage = _first_passage(prediction_errors(u, earlier), limit)
-        if passage is None:
+        correlation = correlation_before(u, earlier)
+        step = large_step(*recursive_residuals(*given), correlation, STEP_SHARE / records_per_alarm)
+        if passage is None and step is None:
             break
-        at, since, up, size = passage
+        at, since, up, size = min((found for found in (step, passage) if found is not None), key=lambda f: f[0])
         changes.append(Change(found=int(rows[at]), since=int(rows[since]), up=bool(up), statistic=float(size)))
         earlier.append(u[: at + 1])
         start += at + 1  # not from the change point on: those records were chosen because they lie on one side

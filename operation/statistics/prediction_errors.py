@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["prediction_errors"]
+__all__ = ["correlation_before", "prediction_errors"]
 
 #: Correlation that is expected before anything is seen, and the records that this expectation counts for; chosen.
 #: Twenty independent records leave their correlation uncertain by 0.33, and without an expectation the chart alarms at
@@ -40,15 +40,27 @@ def prediction_errors(residuals: np.ndarray, earlier: Sequence[np.ndarray] = ())
     array([  nan, 1.   , 0.775])
     """
     u = np.asarray(residuals, dtype=float)
+    phi = correlation_before(u, earlier)
+    last = np.concatenate([[np.nan], u[:-1]])
+    return np.where(np.isfinite(last), (u - phi * last) / np.sqrt(1.0 - phi**2), u)
+
+
+def correlation_before(residuals: np.ndarray, earlier: Sequence[np.ndarray] = ()) -> np.ndarray:
+    """Return the correlation from record to record as those before each residual tell it.
+
+    Parameters
+    ----------
+    residuals, earlier
+        As for `prediction_errors`.
+    """
+    u = np.asarray(residuals, dtype=float)
     before = (
         np.sum([_sums(np.asarray(e, dtype=float)).sum(axis=0) for e in earlier], axis=0) if earlier else np.zeros(3)
     )
     sums = before + np.vstack([np.zeros((min(3, u.size), 3)), np.cumsum(_sums(u), axis=0)[:-1]])
     products, squares, count = sums.T
     seen = 1.0 + 2.0 * np.divide(products, squares, out=np.zeros(u.size), where=squares > 0.0)
-    phi = np.clip((count * seen + WEIGHT * EXPECTED) / (count + WEIGHT), 0.0, LARGEST)
-    last = np.concatenate([[np.nan], u[:-1]])
-    return np.where(np.isfinite(last), (u - phi * last) / np.sqrt(1.0 - phi**2), u)
+    return np.clip((count * seen + WEIGHT * EXPECTED) / (count + WEIGHT), 0.0, LARGEST)
 
 
 def _sums(u: np.ndarray) -> np.ndarray:

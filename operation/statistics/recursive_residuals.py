@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["standardised_residuals"]
+__all__ = ["recursive_residuals", "standardised_residuals"]
 
 #: Degrees of freedom of the spread from which a residual counts: with fewer, Student's tails are so heavy that the
 #: transformed residual tells nothing.
@@ -40,13 +40,32 @@ def standardised_residuals(values: np.ndarray, covariates: np.ndarray | None = N
     >>> np.round(standardised_residuals(np.array([1.0, 2.0, 1.5, 1.2, 1.8, 9.0])), 2)
     array([ nan,  nan,  nan,  nan, 0.68, 3.95])
     """
+    return _as_normal(*recursive_residuals(values, covariates))
+
+
+def recursive_residuals(
+    values: np.ndarray, covariates: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return each value's deviation from what those before it predict, in one scale, unknown and the same for all.
+
+    Parameters
+    ----------
+    values, covariates
+        As for `standardised_residuals`.
+
+    Returns
+    -------
+    residuals, squares, degrees : ndarray, shape (n,)
+        Where nothing changes the residuals are independent and normal with one variance; the sum of the squares of
+        those before, and its degrees of freedom: 0 where there is no residual.
+    """
     y = np.asarray(values, dtype=float)
     n = y.size
     if covariates is None or np.asarray(covariates).size == 0:
         before = np.arange(n)
         mean = (np.cumsum(y) - y) / np.maximum(before, 1)
         w = (y - mean) * np.sqrt(before / (before + 1.0))
-        return _as_normal(w, np.cumsum(w**2) - w**2, before - 1)
+        return w, np.cumsum(w**2) - w**2, np.maximum(before - 1, 0)
     x = np.column_stack([np.ones(n), np.asarray(covariates, dtype=float)])
     spread = np.ptp(x[:, 1:], axis=0)  # one scale for the rank decisions, whatever the units
     x[:, 1:] = (x[:, 1:] - x[:, 1:].mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
@@ -63,7 +82,7 @@ def standardised_residuals(values: np.ndarray, covariates: np.ndarray | None = N
             squares += residuals[k] ** 2
         normal += np.outer(x[k], x[k])
         right += x[k] * y[k]
-    return _as_normal(residuals, sums, degrees)
+    return residuals, sums, degrees
 
 
 def _as_normal(residuals: np.ndarray, squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:

@@ -10,9 +10,10 @@ from scipy.stats import kstest, norm, t
 from operation.statistics.change_size import change_size
 from operation.statistics.control_chart import control_chart, decision_limit, mean_run_length
 from operation.statistics.fleet_level import fleet_prior, outliers, share_level
+from operation.statistics.large_step import large_step
 from operation.statistics.local_level import between_records, local_level, without_prior
 from operation.statistics.prediction_errors import prediction_errors
-from operation.statistics.recursive_residuals import standardised_residuals
+from operation.statistics.recursive_residuals import recursive_residuals, standardised_residuals
 
 DAY = 86400.0
 
@@ -107,6 +108,36 @@ def test_a_shift_is_found_and_its_time_and_size_are_stated(size, within):
     assert np.median(found) <= within
     assert abs(np.median(since)) <= 3
     assert np.median(sizes) == pytest.approx(size, abs=0.2)
+
+
+@pytest.mark.parametrize("before", [8, 12, 30])
+def test_a_large_step_after_few_records_is_found_at_its_third(before):
+    """Twenty deviations; the sum alone, which measures it by a spread that the step widens, finds it late or never."""
+    for seed in range(20):
+        y = np.random.default_rng(seed).standard_normal(before + 12)
+        y[before:] -= 20.0
+        first = control_chart(y, 16000.0)[0]
+        assert first.found <= before + 2
+        assert not first.up
+        found, since, up, _ = large_step(*recursive_residuals(y), np.zeros(y.size), 1e-5)
+        assert (found, since, up) == (before + 2, before, False)
+
+
+def test_one_record_or_two_far_off_are_no_large_step():
+    for count in (1, 2):
+        y = np.random.default_rng(5).standard_normal(60)
+        y[20 : 20 + count] += 30.0
+        w, squares, degrees = recursive_residuals(y)
+        assert large_step(w, squares, degrees, np.zeros(60), 1e-5) is None
+
+
+def test_large_steps_by_chance_are_as_rare_as_stated():
+    """200 000 records at one in 1000; the windows overlap and each record must be far, so that there are fewer."""
+    rng, seen = np.random.default_rng(11), 0
+    for _ in range(1000):
+        w, squares, degrees = recursive_residuals(rng.standard_normal(200))
+        seen += large_step(w, squares, degrees, np.zeros(200), 1e-3) is not None
+    assert 20 < seen < 200  # 20: it is no test that never finds anything
 
 
 def test_a_ramp_is_told_from_a_step():

@@ -19,7 +19,7 @@ __all__ = ["lift_advice"]
 LATEST = 4
 _TODO = {
     WEAR: "Measure the play of the cabin's shoes and replace them.",
-    LUBRICATION: "Nothing: the guides have less friction than before. Enter it with `vtsdt history --note`.",
+    LUBRICATION: "Nothing: the guides have less friction than before. Enter it with vtsdt history --note.",
     SENSOR: "Set the tension sensor's zero again; until then its error is subtracted.",
 }
 
@@ -36,7 +36,7 @@ def lift_advice(state: MachineState, events: Sequence[Event]) -> Advice:
     cause = str(best["cause"])
     if cause.startswith("rails settled"):
         third = cause.rpartition(", ")[2]
-        do = f"Straighten the rails in the {third}; `vtsdt align` gives the heights."
+        do = f"Straighten the rails in the {third}; vtsdt align gives the heights."
     else:
         do = _TODO.get(cause, "Inspect the guides: the change has none of the known causes.")
     sure = f"{cause}: {float(best['probability']):.0%}"
