@@ -40,8 +40,8 @@ UNKNOWN = "unknown_force"  # the kind of what is found without a law
 DIRECTIONS = 50
 #: Variance that these leave of it, as a share, below which no further one is needed.
 LEFT_OVER = 1e-6
-#: Sizes of the function that are tried first, in what moves an output by its noise if it lasts, and factors for the best
-#: of them.  What changes faster than the machine moves may be ten thousand times as large and show no more.
+#: Sizes of the function that are tried first, in what moves an output by its noise if it lasts, and factors for the
+#: best of them.  What changes faster than the machine moves may be ten thousand times as large and show no more.
 SIZES, SIZE_FACTORS = (1.0, 10.0, 1e2, 1e3, 1e4), (1.0, 3.0, 1.0 / 3.0)
 #: Correlation from which two signals count as one.
 SAME_SIGNAL = 0.995
