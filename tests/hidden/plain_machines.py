@@ -51,6 +51,40 @@ build = "models.py:motor"
 "rotor.angle" = "angle_rad"
 """
 
+CARRIAGE = """
+from multibody import Model
+from multibody import library as lib
+
+
+def carriage():
+    m = Model("carriage")
+    mass = m.add("carriage", lib.Mass(m=2.0))
+    spring = m.add("spring", lib.SpringDamper(stiffness=200.0, damping=8.0))
+    push = m.add("push", lib.ForceSource())
+    m.connect(mass.flange, spring.b, push.flange)
+    m.connect(spring.a, m.ground)
+    m.input("push.force", push.force)
+    return m
+"""
+
+#: A study of the carriage, to which `RECORDS` is added.
+CARRIAGE_STUDY = """
+[model]
+build = "models.py:carriage"
+
+[uncertain]
+"carriage.m" = { value = 2.0, std = 0.1, min = 0.0 }
+"spring.stiffness" = { value = 200.0, std = 20.0, min = 0.0 }
+"spring.damping" = { value = 8.0, std = 2.0, min = 0.0 }
+
+[inputs]
+"push.force" = { column = "force_N" }
+
+[outputs]
+"carriage.position" = { column = "position_m", noise = 2e-4 }
+"carriage.velocity" = { column = "velocity_m_s", noise = 2e-3 }
+"""
+
 Machine = Callable[[np.random.Generator], dict[str, np.ndarray]]
 
 

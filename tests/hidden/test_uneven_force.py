@@ -9,45 +9,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import RECORDS, low_passed, written
+from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, low_passed, written
 from scipy.integrate import solve_ivp
 
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.uneven_forces import UnevenForce, uneven_random_forces
 from discrepancy.study.study import Study
-
-MODELS = """
-from multibody import Model
-from multibody import library as lib
-
-
-def carriage():
-    m = Model("carriage")
-    mass = m.add("carriage", lib.Mass(m=2.0))
-    spring = m.add("spring", lib.SpringDamper(stiffness=200.0, damping=8.0))
-    push = m.add("push", lib.ForceSource())
-    m.connect(mass.flange, spring.b, push.flange)
-    m.connect(spring.a, m.ground)
-    m.input("push.force", push.force)
-    return m
-"""
-
-STUDY = """
-[model]
-build = "models.py:carriage"
-
-[uncertain]
-"carriage.m" = { value = 2.0, std = 0.1, min = 0.0 }
-"spring.stiffness" = { value = 200.0, std = 20.0, min = 0.0 }
-"spring.damping" = { value = 8.0, std = 2.0, min = 0.0 }
-
-[inputs]
-"push.force" = { column = "force_N" }
-
-[outputs]
-"carriage.position" = { column = "position_m", noise = 2e-4 }
-"carriage.velocity" = { column = "velocity_m_s", noise = 2e-3 }
-"""
 
 
 def carriage(rng: np.random.Generator, one_side: bool) -> dict[str, np.ndarray]:
@@ -72,7 +39,7 @@ def carriage(rng: np.random.Generator, one_side: bool) -> dict[str, np.ndarray]:
 
 
 def uneven(tmp_path, one_side: bool, seed: int) -> tuple[UnevenForce, ...]:
-    file = written(tmp_path, MODELS, partial(carriage, one_side=one_side), STUDY + RECORDS, seed=seed)
+    file = written(tmp_path, CARRIAGE, partial(carriage, one_side=one_side), CARRIAGE_STUDY + RECORDS, seed=seed)
     return uneven_random_forces(StageLikelihood(stage=Study.from_file(file).stage))
 
 

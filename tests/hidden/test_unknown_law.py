@@ -10,45 +10,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import RECORDS, diagnosed, low_passed, written
+from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, diagnosed, low_passed, written
 from scipy.integrate import solve_ivp
 
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.unknown_law import UnknownLaw, unknown_law
 from discrepancy.study.study import Study
-
-MODELS = """
-from multibody import Model
-from multibody import library as lib
-
-
-def carriage():
-    m = Model("carriage")
-    mass = m.add("carriage", lib.Mass(m=2.0))
-    spring = m.add("spring", lib.SpringDamper(stiffness=200.0, damping=8.0))
-    push = m.add("push", lib.ForceSource())
-    m.connect(mass.flange, spring.b, push.flange)
-    m.connect(spring.a, m.ground)
-    m.input("push.force", push.force)
-    return m
-"""
-
-STUDY = """
-[model]
-build = "models.py:carriage"
-
-[uncertain]
-"carriage.m" = { value = 2.0, std = 0.1, min = 0.0 }
-"spring.stiffness" = { value = 200.0, std = 20.0, min = 0.0 }
-"spring.damping" = { value = 8.0, std = 2.0, min = 0.0 }
-
-[inputs]
-"push.force" = { column = "force_N" }
-
-[outputs]
-"carriage.position" = { column = "position_m", noise = 2e-4 }
-"carriage.velocity" = { column = "velocity_m_s", noise = 2e-3 }
-"""
 
 
 def carriage(rng: np.random.Generator, strength: float) -> dict[str, np.ndarray]:
@@ -72,7 +39,7 @@ def carriage(rng: np.random.Generator, strength: float) -> dict[str, np.ndarray]
 
 
 def law_of(tmp_path, strength: float, seed: int) -> UnknownLaw:
-    file = written(tmp_path, MODELS, partial(carriage, strength=strength), STUDY + RECORDS, seed=seed)
+    file = written(tmp_path, CARRIAGE, partial(carriage, strength=strength), CARRIAGE_STUDY + RECORDS, seed=seed)
     law = unknown_law(StageLikelihood(stage=Study.from_file(file).stage))
     assert law is not None
     return law
@@ -94,7 +61,7 @@ def test_a_disturbance_follows_nothing(tmp_path, seed: int) -> None:
 
 
 def test_the_answer_names_nothing_and_says_that_something_is_missing(tmp_path) -> None:
-    answer = diagnosed(tmp_path, MODELS, partial(carriage, strength=150.0), STUDY + RECORDS, seed=24)
+    answer = diagnosed(tmp_path, CARRIAGE, partial(carriage, strength=150.0), CARRIAGE_STUDY + RECORDS, seed=24)
     assert answer["verdict"] == "unknown effect"
     assert [e["kind"] for e in answer["effects"] if e["kind"] != "unknown_force"] == []
     assert answer["probabilities"]["unknown"] > 0.9
