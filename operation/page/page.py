@@ -50,7 +50,9 @@ def general_advice(state: MachineState, events: Sequence[Event]) -> Advice:
     named = [e for e in events if e.kind == "named"]
     rate = ""
     if math.isfinite(state.records_per_alarm):
-        rate = f"of one quantity, a change by chance comes once in {state.records_per_alarm:.3g} records"
+        rate = (
+            f"of one quantity, a change by chance comes once in {float(f'{state.records_per_alarm:.2g}'):.0f} records"
+        )
     if state.word == "no data":
         return Advice(do="Look at the logger and the connection: no record has come.", sure="certain")
     if state.word == "something new":

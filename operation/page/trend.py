@@ -76,8 +76,9 @@ def trend_svg(trace: Trace, threshold: float | None = None) -> str:
     parts.append(f'<text x="{RIGHT}" y="12">{escape(name)}</text>')
     parts.append(f'<text x="{WIDTH - RIGHT}" y="12" text-anchor="end" class="now">{escape(label)}</text>')
     for value, at in ((high, TOP + 9), (low, HEIGHT - BOTTOM - 3)):
-        shown = f"{value / (factor or 1.0):.3g}"
-        parts.append(f'<text x="{LEFT - 4}" y="{at}" text-anchor="end" class="axis">{shown}</text>')
+        parts.append(
+            f'<text x="{LEFT - 4}" y="{at}" text-anchor="end" class="axis">{value / (factor or 1.0):.3g}</text>'
+        )
     parts.append(f'<text x="{LEFT}" y="{HEIGHT - 3}" class="axis">{_day(first)}</text>')
     parts.append(f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 3}" text-anchor="end" class="axis">{_day(last)}</text>')
     return "".join([*parts, "</svg>"])
