@@ -264,12 +264,19 @@ class _Known:
     size: np.ndarray
 
 
-def _known(blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray) -> _Known:
-    """Return what all blocks, each residual and columns in standard deviations, say of the parameters."""
+def _normal_equations(
+    blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return matrix and right-hand side of the parameters' normal equations, and the scale of each parameter."""
     precision = prior_precision(prior_std)
     whole = np.diag(precision) + sum(f.T @ f for _, f in blocks)
     right = precision * prior_offset + sum(f.T @ e for e, f in blocks)
-    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    return whole, right, np.sqrt(np.maximum(np.diag(whole), 1e-300))
+
+
+def _known(blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray) -> _Known:
+    """Return what all blocks, each residual and columns in standard deviations, say of the parameters."""
+    whole, right, size = _normal_equations(blocks, prior_std, prior_offset)
     normal = whole / np.outer(size, size) + RIDGE * np.eye(size.size)
     return _Known(change=np.linalg.solve(normal, right / size) / size, normal=normal, size=size)
 
@@ -278,10 +285,7 @@ def _left_out(
     blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray
 ) -> Iterator[_Known]:
     """Yield for each block, its residual and columns in standard deviations, what the others say of the parameters."""
-    precision = prior_precision(prior_std)
-    whole = np.diag(precision) + sum(f.T @ f for _, f in blocks)
-    right = precision * prior_offset + sum(f.T @ e for e, f in blocks)
-    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    whole, right, size = _normal_equations(blocks, prior_std, prior_offset)
     for e, f in blocks:
         own = f.T @ f / np.outer(size, size)
         normal = whole / np.outer(size, size) - own + KEPT * np.diag(np.diag(own)) + RIDGE * np.eye(size.size)

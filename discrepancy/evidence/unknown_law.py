@@ -29,7 +29,7 @@ from discrepancy.evidence.likelihood import (
 )
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_scores, scores_of_blocks
-from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, likeliest_change, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, likeliest_change, restricted_log_likelihoods
 from discrepancy.innovations.noise_model import NoiseModel
 from multibody.solvers.kernels.perturbations import propagate
 
@@ -327,20 +327,20 @@ class _Question:
         """Return the gain of a function of some signals at the noise as it is, at the size that gains most."""
         fitted, basis = self.likelihood.noise, self.basis(chosen)
         columns, count = self.with_function(source, basis), basis[0].shape[1]
-        trials = ((restricted_log_likelihood(columns, fitted.model, *self.priors(z, count)), z) for z in SIZES)
-        best, size = max(trials)
+        values = restricted_log_likelihoods(columns, fitted.model, [self.priors(z, count) for z in SIZES])
+        best, size = max(zip(values, SIZES, strict=True))
         return _Screened(source=source, signals=chosen, size=size, gain=best - fitted.log_likelihood)
 
     def likeliest_of_sources(self) -> list[_Screened]:
         """Return the best function of one or two signals at each source, the choice counted.
 
         A force that is the product of two signals, such as a stiffness that varies over a turn, does not show in a
-        function of either.
+        function of either.  Two are asked for at the sources that promise most by one, as far as `MOST_SCREENED` goes.
         """
         pairs = list(itertools.combinations(self.signals, 2))
         ones = {s: [self.screened(s, (name,)) for name in self.signals] for s in self.sources}
         order = sorted(self.sources, key=lambda s: -max(t.gain for t in ones[s]))
-        room = max(MOST_SCREENED // max(len(pairs), 1), REFITS)
+        room = MOST_SCREENED // max(len(pairs), 1)
         twos = {s: [self.screened(s, pair) for pair in pairs] for s in order[:room]}
         return [max((*ones[s], *twos.get(s, [])), key=lambda t: t.gain + self.log_odds(t.signals)) for s in order]
 

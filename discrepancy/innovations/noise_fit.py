@@ -18,6 +18,7 @@ __all__ = [
     "likeliest_change",
     "prior_precision",
     "restricted_log_likelihood",
+    "restricted_log_likelihoods",
     "restricted_score",
 ]
 
@@ -239,11 +240,9 @@ class _Normal:
     constant: float
 
     @classmethod
-    def of(cls, records: Sequence[FilteredRecord], prior_std: np.ndarray, prior_offset: np.ndarray) -> _Normal:
-        precision = prior_precision(prior_std)
-        known = precision > 0.0
-        matrix, right = np.diag(precision), precision * prior_offset
-        constant = -0.5 * float(np.sum(precision * prior_offset**2)) + 0.5 * float(np.sum(np.log(precision[known])))
+    def of(cls, records: Sequence[FilteredRecord], count: int) -> _Normal:
+        """Return what the records say of so many shared parameters."""
+        matrix, right, constant = np.zeros((count, count)), np.zeros(count), 0.0
         for record in records:
             white = record.whitened()
             e, f = white.residual, white.shared
@@ -251,6 +250,17 @@ class _Normal:
             matrix = matrix + f.T @ f
             right = right + f.T @ e
         return cls(matrix=matrix, right=right, constant=constant)
+
+    def with_prior(self, std: np.ndarray, offset: np.ndarray) -> _Normal:
+        """Return the same with normal priors of the parameters."""
+        precision = prior_precision(std)
+        known = precision > 0.0
+        constant = -0.5 * float(np.sum(precision * offset**2)) + 0.5 * float(np.sum(np.log(precision[known])))
+        return _Normal(
+            matrix=self.matrix + np.diag(precision),
+            right=self.right + precision * offset,
+            constant=self.constant + constant,
+        )
 
     @property
     def finite(self) -> bool:
@@ -297,7 +307,7 @@ def _solved(
     """Return the records as innovations and what follows for the parameters; None where it cannot be computed."""
     try:
         filtered = [r.filtered(model) for r in records]  # too short for threads
-        normal = _Normal.of(filtered, prior_std, prior_offset)
+        normal = _Normal.of(filtered, prior_std.size).with_prior(prior_std, prior_offset)
         solved = normal.solved() if normal.finite else None
     except np.linalg.LinAlgError:
         return None
@@ -318,6 +328,27 @@ def restricted_log_likelihood(
     """
     done = _solved(records, model, prior_std, prior_offset)
     return -np.inf if done is None else done[1].log_likelihood
+
+
+def restricted_log_likelihoods(
+    records: Sequence[RecordColumns], model: NoiseModel, priors: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> list[float]:
+    """Return the log marginal likelihood under several priors, which costs hardly more than under one.
+
+    Parameters
+    ----------
+    records, model
+        As in `restricted_log_likelihood`.
+    priors : sequence of (prior_std, prior_offset)
+        Of the same shared parameters.
+    """
+    try:
+        normal = _Normal.of([r.filtered(model) for r in records], priors[0][0].size)
+        each = [normal.with_prior(*prior) for prior in priors]
+        values = [n.solved().log_likelihood if n.finite else -np.inf for n in each]
+    except np.linalg.LinAlgError:
+        return [-np.inf] * len(priors)
+    return [value if np.isfinite(value) else -np.inf for value in values]
 
 
 def restricted_score(

@@ -86,34 +86,34 @@ def compare_scales(experiments: Sequence[Experiment], responses: Sequence[Respon
     responses : sequence of Response
         Their simulations as given.
     """
-    found, names = Scales(), experiments[0].outputs
+    scales, names = Scales(), experiments[0].outputs
     measured = [_centred([e.measured[:, c] for e in experiments]) for c in range(len(names))]
     modelled = [_centred([r.outputs[:, c] for r in responses]) for c in range(len(names))]
     alike = np.array([[_correlation(m, y) for y in modelled] for m in measured])
     signals = [experiments[0].record.signals[n] for n in names]
     outputs = []
-    swapped = _exchanged(names, signals, alike, found)
+    swapped = _exchanged(names, signals, alike, scales)
     for c, name in enumerate(names):
         power = float(modelled[c] @ modelled[c])
         if c in swapped:
             continue
         if not float(measured[c] @ measured[c]) > 0.0 or not power > 0.0:
             what = "is constant" if power > 0.0 else "is constant in the model"
-            found.warnings.append(f"'{name}' {what}: nothing can be compared; drive the machine, or leave it out")
+            scales.warnings.append(f"'{name}' {what}: nothing can be compared; drive the machine, or leave it out")
             continue
         gain = float(measured[c] @ modelled[c]) / power
         outputs.append(_Output(name=name, signal=signals[c], correlation=float(alike[c, c]), gain=gain))
     inputs = {n: experiments[0].record.signals[n] for n in experiments[0].inputs if n in experiments[0].record.signals}
     if len(outputs) > 1 and _all_alike(outputs):
-        found.faults.append(_of_an_input(outputs, inputs))
-        return found
+        scales.faults.append(_of_an_input(outputs, inputs))
+        return scales
     for output in outputs:
-        _tell(output, found)
-    return found
+        _tell(output, scales)
+    return scales
 
 
-def _tell(output: _Output, found: Scales) -> None:
-    """Tell how one output lies to the model's."""
+def _tell(output: _Output, scales: Scales) -> None:
+    """Say how one output compares with the model's."""
     gain, column = output.gain, output.signal.column
     words = gain_in_words(gain - 1.0, gain - 1.0 - 0.02 * abs(gain), gain - 1.0 + 0.02 * abs(gain))
     if output.off:
@@ -125,24 +125,26 @@ def _tell(output: _Output, found: Scales) -> None:
         text = f"'{output.name}': column '{column}' is measured {size} ({output.numbers}), {remedy} "
         text += f'with unit = "{meant or "…"}" in [outputs], or mend the size in model or inputs'
         impossible = max(abs(gain), 1.0 / abs(gain)) > IMPOSSIBLE_RATIO
-        (found.faults if words or impossible else found.warnings).append(text)
+        (scales.faults if words or impossible else scales.warnings).append(text)
     elif output.reversed:
-        found.faults.append(
+        scales.faults.append(
             f"'{output.name}': column '{column}' is measured with the opposite sign ({output.numbers}): reverse it in "
             "the file or in the model"
         )
     elif output.correlation < -UNRELATED_CORRELATION:
-        found.warnings.append(
+        scales.warnings.append(
             f"'{output.name}': column '{column}' runs against the model ({output.numbers}): check its sign, and that "
             "of the inputs"
         )
     elif output.correlation < UNRELATED_CORRELATION:
-        found.warnings.append(
+        scales.warnings.append(
             f"'{output.name}': column '{column}' does not follow the model (correlation {output.correlation:.2f}): "
             "another channel, another start, a sensor's offset ([offsets]), or much is missing"
         )
     else:
-        found.facts.append(f"'{output.name}' follows the model: correlation {output.correlation:.3f}, ratio {gain:.3g}")
+        scales.facts.append(
+            f"'{output.name}' follows the model: correlation {output.correlation:.3f}, ratio {gain:.3g}"
+        )
 
 
 def _all_alike(outputs: Sequence[_Output]) -> bool:
@@ -187,7 +189,7 @@ def _meant_unit(signal: RecordedSignal, ratio: float) -> str:
     return unit if distance < math.log(NEAR_UNIT) else ""
 
 
-def _exchanged(names: Sequence[str], signals: Sequence[RecordedSignal], alike: np.ndarray, found: Scales) -> set[int]:
+def _exchanged(names: Sequence[str], signals: Sequence[RecordedSignal], alike: np.ndarray, scales: Scales) -> set[int]:
     """Tell which columns look exchanged, and return those that certainly are."""
     certain: set[int] = set()
     for a, b in combinations(range(len(names)), 2):
@@ -197,12 +199,12 @@ def _exchanged(names: Sequence[str], signals: Sequence[RecordedSignal], alike: n
         left = float(np.prod(1.0 - crossed**2)) / max(float(np.prod(1.0 - own**2)), 1e-300)
         if np.all(own < UNRELATED_CORRELATION) and np.all(crossed > SAME_MOTION_CORRELATION):
             certain |= {a, b}
-            found.faults.append(
+            scales.faults.append(
                 f"{columns} look swapped: each follows the other's output {others}: exchange them in [outputs]"
             )
         elif left < EXCHANGED_SHARE and np.all(crossed > UNRELATED_CORRELATION):
             better = f"{crossed[0]:.3f} and {crossed[1]:.3f} in place of {own[0]:.3f} and {own[1]:.3f}"
-            found.warnings.append(
+            scales.warnings.append(
                 f"{columns} may be swapped: together they follow each other's outputs {others} better, with "
                 f"correlations of {better}: exchange them in [outputs] if that is so"
             )

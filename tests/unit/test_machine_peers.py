@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from discrepancy.validation.machines.peers import CaseAnswers, Truth, main, our_answer, peers_page, scored
+from discrepancy.validation.machines.peers import CaseAnswers, Truth, main, our_answer, peers_page, score
 
 
 def written(path: Path, data: dict[str, Any]) -> Path:
@@ -42,19 +42,19 @@ PAIR = Truth(category="double", accept=(("drag@*",), ("slip@belt",)))
 def test_all_hidden_and_nothing_else_is_right(
     sets: list[list[str]], right: bool, first: bool, among: bool, invented: int
 ) -> None:
-    score = scored(PAIR, [s[0] for s in sets], sets, alarm=bool(sets), unknown=False)
-    assert (score["right"], score["first"], score["among"], score["invented"]) == (right, first, among, invented)
+    names = score(PAIR, sets, alarm=bool(sets), unknown=False)
+    assert (names["right"], names["first"], names["all_found"], names["invented"]) == (right, first, among, invented)
 
 
 def test_nothing_and_unknown_are_right_where_they_are_true() -> None:
     nothing, outside = Truth(category="none", accept=()), Truth(category="outside", accept=())
     silent: dict[str, Any] = {"alarm": False, "unknown": False}
     aware: dict[str, Any] = {"alarm": True, "unknown": True}
-    assert scored(nothing, [], [], **silent)["right"]
-    assert not scored(nothing, [], [], **aware)["right"]
-    assert scored(outside, [], [], **aware)["right"]
-    assert not scored(outside, [], [], **silent)["right"]
-    assert scored(outside, ["drag@axle"], [["drag@axle"]], **aware)["invented"] == 1
+    assert score(nothing, [], **silent)["right"]
+    assert not score(nothing, [], **aware)["right"]
+    assert score(outside, [], **aware)["right"]
+    assert not score(outside, [], **silent)["right"]
+    assert score(outside, [["drag@axle"]], **aware)["invented"] == 1
 
 
 def diagnosis(named: list[str], verdict: str, last: float) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def test_our_own_answer_is_scored_by_the_same_rule() -> None:
 
 
 def test_the_page_counts_and_lists(tmp_path: Path) -> None:
-    right = {**scored(PAIR, ["drag@a", "slip@belt"], [["drag@a"], ["slip@belt"]], alarm=True, unknown=False)}
+    right = score(PAIR, [["drag@a"], ["slip@belt"]], alarm=True, unknown=False)
     right |= {"ratio": 0.5, "worse": False}
     cases = [
         CaseAnswers(case="one", category="double", answers={"this program": right, "lasso": {"failed": "singular"}}),

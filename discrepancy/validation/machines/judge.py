@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
-__all__ = ["Score", "judged"]
+__all__ = ["UNKNOWN_VERDICTS", "WORSE", "Score", "judged", "score_names", "set_of"]
 
 WORSE = 1.02  # of the recalibrated model's held-out error: what the noise of a record alone can move it by
 SET = 0.95  # of the probability: what the answers that the records leave open reach together
+UNKNOWN_VERDICTS = ("unknown effect", "partly explained")  # something is missing which has no name
 CONFIDENT = 0.8  # probability from which a wrong name counts as a confident one
 
 
@@ -74,6 +75,50 @@ class Score:
     statements: tuple[Statement, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _NameScore:
+    """What is right and wrong about names alone: `Score` tells the meaning of each."""
+
+    right: bool
+    first: bool
+    all_found: bool
+    invented: int
+
+
+def score_names(
+    category: str, accepted: Sequence[Sequence[str]], sets: Sequence[Sequence[str]], *, silent: bool, unknown: bool
+) -> _NameScore:
+    """Score the names that a method gives.
+
+    Parameters
+    ----------
+    category : str
+        Of the case: "none", "outside", or what is hidden has names.
+    accepted : sequence of sequence of str
+        For each hidden effect the names that are right, as patterns of ``kind@where``.
+    sets : sequence of sequence of str
+        For each effect named, the weightiest first, what it may be, its name first.
+    silent : bool
+        Whether the method says that nothing is missing.
+    unknown : bool
+        Whether it says that something is missing which has no name.
+
+    Examples
+    --------
+    >>> hidden, named = [["coulomb_friction@*"]], [["coulomb_friction@guide"]]
+    >>> score_names("single", hidden, named, silent=False, unknown=False).right
+    True
+    """
+    all_found = _all_in(accepted, sets)
+    invented = sum(not any(_is_one_of(n, a) for n in each for a in accepted) for each in sets)
+    return _NameScore(
+        right={"none": silent, "outside": unknown and not sets}.get(category, all_found and not invented),
+        first=bool(sets) and any(_is_one_of(sets[0][0], a) for a in accepted),
+        all_found=all_found,
+        invented=invented,
+    )
+
+
 def judged(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Score:
     """Score an answer.
 
@@ -87,24 +132,19 @@ def judged(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Score:
     category = truth["category"]
     accepted: list[Sequence[str]] = [e["accept"] for e in truth["effects"] if e["accept"]]
     named = [e for e in answer["effects"] if e["kind"] != "unknown_force"]
-    sets = [_set_of(effect, answer) for effect in named]
-    hits = [any(_is_one_of(name, accept) for name in each for accept in accepted) for each in sets]
-    unknown = answer["verdict"] in ("unknown effect", "partly explained")
-    all_found = _all_in(accepted, sets)
+    sets = [set_of(effect, answer) for effect in named]
+    unknown = answer["verdict"] in UNKNOWN_VERDICTS
+    silent = not answer["effects"] and answer["verdict"] == "nothing missing"
+    names = score_names(category, accepted, sets, silent=silent, unknown=unknown)
     left_open = [] if sets else _left_open(answer)
-    invented = len(hits) - sum(hits)
-    right = {
-        "none": not answer["effects"] and answer["verdict"] == "nothing missing",
-        "outside": unknown and not named,
-    }.get(category, all_found and not invented)
     statements = _statements(category, accepted, sets, answer, unknown)
     last, before = answer["stages"][-1]["validate"], answer["stages"][min(1, len(answer["stages"]) - 1)]["validate"]
     return Score(
-        right=right,
-        first=bool(named) and any(_is_one_of(sets[0][0], a) for a in accepted),
-        in_set=all_found or _all_in(accepted, left_open),
+        right=names.right,
+        first=names.first,
+        in_set=names.all_found or _all_in(accepted, left_open),
         set_size=sum(map(len, sets)) / len(sets) if sets else float(len(left_open)),
-        invented=invented,
+        invented=names.invented,
         confident_wrong=any(s.probability >= CONFIDENT and not s.true and "@" in s.said for s in statements),
         unknown=unknown,
         worse=bool(answer["effects"]) and any(last[n]["rmse"] > WORSE * v["rmse"] for n, v in before.items()),
@@ -139,7 +179,7 @@ def _is_one_of(name: str, patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
-def _set_of(effect: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
+def set_of(effect: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
     """Return the names among which an effect was named, itself first."""
     probable = _probable(effect, answer)
     others = effect.get("indistinguishable_from", []) if probable is None else probable.get("set", [])

@@ -12,17 +12,20 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from fnmatch import fnmatchcase
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from discrepancy.validation.machines.judge import WORSE
+from discrepancy.validation.machines.judge import UNKNOWN_VERDICTS, WORSE, score_names, set_of
 from discrepancy.validation.machines.reliability import jeffreys
 from discrepancy.validation.peer_comparison import OURS, missing_peers
 from multibody.base.process_pool import process_pool
 
-__all__ = ["CaseAnswers", "Truth", "main", "our_answer", "peers_page", "scored"]
+__all__ = ["CaseAnswers", "Truth", "main", "our_answer", "peers_page", "score"]
+
+if TYPE_CHECKING:
+    from discrepancy.validation.peer_case import PeerCase
+    from discrepancy.validation.peer_methods import Answer
 
 FILE = "machine_peers.jsonl"
 
@@ -65,7 +68,7 @@ class CaseAnswers:
     ----------
     case, category : str
     answers : dict
-        Method → named, right, first, among, invented, alarm, ratio, worse, seconds.
+        Method → named, right, first, all_found, invented, alarm, ratio, worse, seconds.
     note : str
         Why the case does not count, if so.
     """
@@ -76,63 +79,31 @@ class CaseAnswers:
     note: str = ""
 
 
-def scored(
-    truth: Truth, named: Sequence[str], sets: Sequence[Sequence[str]], *, alarm: bool, unknown: bool
-) -> dict[str, Any]:
-    """Return what is right and wrong about the names that a method gives.
+def score(truth: Truth, sets: Sequence[Sequence[str]], *, alarm: bool, unknown: bool) -> dict[str, Any]:
+    """Score the names that a method gives, as those of this program are scored, and list them.
 
     Parameters
     ----------
     truth : Truth
-    named : sequence of str
-        ``kind@where``, the weightiest first.
     sets : sequence of sequence of str
-        For each of them what it may also be, itself included.
+        For each effect named, the weightiest first, what it may be, its name first.
     alarm : bool
         Whether the method says that something is missing.
     unknown : bool
         Whether it says that something is missing which has no name.
-
-    Examples
-    --------
-    >>> hidden = Truth(category="single", accept=(("coulomb_friction@*",),))
-    >>> scored(hidden, ["coulomb_friction@guide"], [["coulomb_friction@guide"]], alarm=True, unknown=False)["right"]
-    True
     """
-
-    def hit(names: Sequence[str], accept: Sequence[str]) -> bool:
-        return any(fnmatchcase(name, pattern) for name in names for pattern in accept)
-
-    invented = sum(not any(hit(each, accept) for accept in truth.accept) for each in sets)
-    among = bool(truth.accept) and all(any(hit(each, accept) for each in sets) for accept in truth.accept)
-    right = {"none": not alarm, "outside": unknown and not named}.get(truth.category, among and not invented)
-    first = bool(named) and any(hit([named[0]], accept) for accept in truth.accept)
-    return {
-        "named": list(named),
-        "right": right,
-        "first": first,
-        "among": among,
-        "invented": invented,
-        "alarm": alarm,
-    }
+    names = score_names(truth.category, truth.accept, sets, silent=not alarm, unknown=unknown)
+    return {"named": [each[0] for each in sets], **asdict(names), "alarm": alarm}
 
 
 def our_answer(truth: Truth, answer: Mapping[str, Any]) -> dict[str, Any]:
     """Score a ``diagnosis.json``."""
-    effects = [e for e in answer["effects"] if e["kind"] != "unknown_force"]
-    sets = [[_name(e), *(_name(r) for r in e.get("indistinguishable_from", []))] for e in effects]
-    verdict = answer["verdict"]
-    stages = answer["stages"]
+    sets = [set_of(e, answer) for e in answer["effects"] if e["kind"] != "unknown_force"]
+    verdict, stages = answer["verdict"], answer["stages"]
     before, after = (stages[min(k, len(stages) - 1)]["validate"] or {} for k in (1, len(stages)))
     shares = [after[n]["rmse"] / before[n]["rmse"] for n in after if before[n]["rmse"] > 0.0]
-    score = scored(
-        truth,
-        [each[0] for each in sets],
-        sets,
-        alarm=verdict != "nothing missing",
-        unknown=verdict in ("unknown effect", "partly explained"),
-    )
-    return {**score, "ratio": _mean(shares), "worse": bool(effects) and max(shares, default=1.0) > WORSE}
+    names = score(truth, sets, alarm=verdict != "nothing missing", unknown=verdict in UNKNOWN_VERDICTS)
+    return {**names, "ratio": _mean(shares), "worse": bool(sets) and max(shares, default=1.0) > WORSE}
 
 
 def _answers_of(folder: Path, diagnosis: Path) -> CaseAnswers:
@@ -146,17 +117,18 @@ def _answers_of(folder: Path, diagnosis: Path) -> CaseAnswers:
     if diagnosis.exists():
         answers[OURS] = our_answer(truth, json.loads(diagnosis.read_text(encoding="utf-8")))
     given = peer_case(Study.from_file(folder / "study.toml").stage)
-    for name, method in {**REGRESSION_METHODS, GAUSSIAN_PROCESS: residual_process}.items():
+    methods: dict[str, Callable[[PeerCase], Answer]] = {**REGRESSION_METHODS, GAUSSIAN_PROCESS: residual_process}
+    for name, method in methods.items():
         start = time.process_time()
         try:
-            answer = method(given)  # type: ignore[operator]
+            answer = method(given)
         except (ValueError, ArithmeticError, RuntimeError) as error:
             answers[name] = {"failed": str(error)[:200]}
             continue
-        sets = [[name, *(answer.ties if k == 0 else ())] for k, name in enumerate(answer.named)]
-        score = scored(truth, answer.named, sets, alarm=answer.alarm, unknown=answer.alarm and not answer.named)
+        sets = [[n, *(answer.ties if k == 0 else ())] for k, n in enumerate(answer.named)]
+        names = score(truth, sets, alarm=answer.alarm, unknown=answer.alarm and not answer.named)
         seconds = time.process_time() - start
-        answers[name] = {**score, "ratio": answer.ratio, "worse": answer.ratio > WORSE, "seconds": seconds}
+        answers[name] = {**names, "ratio": answer.ratio, "worse": answer.ratio > WORSE, "seconds": seconds}
     return CaseAnswers(case=folder.name, category=truth.category, answers=answers)
 
 
@@ -230,7 +202,7 @@ def peers_page(cases: Sequence[CaseAnswers], *, title: str, source: str) -> str:
             _share([a["right"] for _, a in given]),
             _share([a["right"] for k, a in given if k == "none"]),
             _share([a["first"] for _, a in hiding]),
-            _share([a["among"] for _, a in hiding]),
+            _share([a["all_found"] for _, a in hiding]),
             _share([a["invented"] > 0 for _, a in given]),
             _share([a["right"] for k, a in given if k == "outside"]),
             f"{median(ratios):.2f}" if ratios else "–",
@@ -293,10 +265,6 @@ def main(arguments: Sequence[str]) -> int:
         args.page.write_text(text, encoding="utf-8")
     print(text.partition("## Cases")[0])
     return 0
-
-
-def _name(entry: Mapping[str, Any]) -> str:
-    return f"{entry['kind']}@{entry['where']}"
 
 
 def _mean(shares: Sequence[float]) -> float:
