@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,12 +19,13 @@ from multibody.base.parallel import parallel_map
 from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = [
+    "Acting",
     "StageLikelihood",
-    "acting_inputs",
     "log_price",
     "noise_floor",
     "record_columns",
     "steady_reach",
+    "what_may_act",
     "with_columns",
 ]
 
@@ -194,16 +195,41 @@ class StageLikelihood:
         return self.linearised.weighted_by(self.noise.weighting())
 
 
-def acting_inputs(linearised: LinearisedProblem) -> tuple[list[str], list[str]]:
-    """Return what latent processes may be added to: the connections, and the recorded inputs that the machine has."""
+class Acting(NamedTuple):
+    """What latent processes may be added to, in the order of a record's columns."""
+
+    connections: list[str]
+    inputs: list[str]
+    states: list[str]
+
+
+def what_may_act(linearised: LinearisedProblem) -> Acting:
+    """Return the connections, the recorded inputs that the machine has, and the states whose rates may be disturbed.
+
+    A machine without connections, such as one of heat and water written as equations, has no other place for what
+    nobody recorded: a sensor whose reading is off does not remember, and a tank does.
+    """
     recorded = [n for n in linearised.experiments[0].inputs if n in linearised.slim.input_names]
-    return [place.name for place in linearised.system.places], recorded
+    connections = [place.name for place in linearised.system.places]
+    return Acting(connections, recorded, [] if connections else _with_equations_of_their_own(linearised))
 
 
-def _sources(linearised: LinearisedProblem) -> list[str]:
-    """Return the inputs that latent processes may be added to: a force at every connection, and recorded inputs."""
-    connections, recorded = acting_inputs(linearised)
-    return [*(f"probe.{name}" for name in connections), *recorded]
+def _with_equations_of_their_own(linearised: LinearisedProblem) -> list[str]:
+    """Return the states but those that are the integral of another, as a position is of a speed."""
+    system, p = linearised.slim, linearised.p
+    starts = [linearised.initial_state(i) for i in range(len(linearised.experiments))]
+    jacobians = [system.jacobian("x", 0.0, x, None, p) for x in starts]
+    names = [q.name for q in system.states]
+
+    def is_integral(i: int) -> bool:
+        j = int(np.argmax(jacobians[0][i]))
+        row = np.eye(len(names))[j]
+        return j != i and all(
+            np.array_equal(jacobian[i], row) and system.rhs(0.0, x, None, p)[i] == x[j]
+            for jacobian, x in zip(jacobians, starts, strict=True)
+        )
+
+    return [name for i, name in enumerate(names) if not is_integral(i)]
 
 
 def linear_records(linearised: LinearisedProblem, left_out: Sequence[np.ndarray]) -> tuple[LinearRecord, ...]:
@@ -215,11 +241,12 @@ def linear_records(linearised: LinearisedProblem, left_out: Sequence[np.ndarray]
     left_out : sequence of ndarray of bool, shape (n,)
         Samples of every record that do not count.
     """
-    channels = _sources(linearised)
+    acting = what_may_act(linearised)
+    channels = [*(f"probe.{name}" for name in acting.connections), *acting.inputs]
 
     def of(i: int) -> LinearRecord:
         start = linearised.initial_state(i)
-        return linear_record(linearised.experiments[i], linearised.slim, linearised.p, start, channels)
+        return linear_record(linearised.experiments[i], linearised.slim, linearised.p, start, channels, acting.states)
 
     records = [r.without(mask) for r, mask in zip(parallel_map(of, range(len(left_out))), left_out, strict=True)]
     sticking = places_that_stick(linearised)
@@ -299,9 +326,10 @@ def log_price(linearised: LinearisedProblem, model: NoiseModel) -> float:
 
 def _price_of_a_process(linearised: LinearisedProblem) -> float:
     """Return the nats by which a latent process must raise the likelihood; those at a standstill are not counted."""
-    connections, recorded = acting_inputs(linearised)
+    acting = what_may_act(linearised)
     octaves = _frequencies(linearised).size
-    offered = (len(connections) + len(linearised.residual().channels)) * (MEMORIES + octaves) + len(recorded)
+    rich = len(acting.connections) + len(acting.states) + len(linearised.residual().channels)
+    offered = rich * (MEMORIES + octaves) + len(acting.inputs)
     return PROCESS_PRICE + float(np.log(offered))
 
 
@@ -340,14 +368,14 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
     """Return the latent processes that may be part of the noise model, each of a size that shows."""
     longest, step = _length_and_step(linearised)
     memories = np.geomspace(2.0 * step, max(longest / 3.0, 4.0 * step), MEMORIES)
-    places = [place.name for place in linearised.system.places]
-    sources = _sources(linearised)
+    places, inputs, states = what_may_act(linearised)
+    sources = [*places, *inputs, *states]
     sticking = places_that_stick(linearised)
     shows = steady_reach(records, noise)
     frequencies = _frequencies(linearised)
     candidates: list[Process] = []
-    acting = [(j, source, memories[:1]) for j, source in enumerate(sources)]  # the noise of a recorded input is white
-    acting[: len(places)] = [(j, place, memories) for j, place in enumerate(places)]
+    # the noise of a recorded input is white
+    acting = [(j, where, memories[:1] if where in inputs else memories) for j, where in enumerate(sources)]
     acting += [(len(sources) + j, places[j], memories) for j in sticking]
     for j, where, own in acting:
         if shows[j] > 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.likelihood import StageLikelihood, what_may_act
 from discrepancy.innovations.noise_model import Process
 from multibody.base.quantity_text import quantity_text
 
@@ -85,7 +85,8 @@ def _where_and_how_large(process: Process, unit: str, random: str = "random ") -
     if process.channel >= 0:
         return f"a slow error of {size} in {process.where}"
     what = {"N": "force", "N*m": "torque"}.get(unit, "change")
-    text = f"a {random}{what} of {size} at {process.where}"
+    at = "in the rate of" if unit.endswith("/s") and unit.startswith("(") else "at"
+    text = f"a {random}{what} of {size} {at} {process.where}"
     return f"{text} while it stands still" if process.at_standstill else text
 
 
@@ -103,12 +104,14 @@ def random_forces_of(likelihood: StageLikelihood) -> RandomForces:
     """Return the random forces of a fitted model, those of no size left out."""
     stage, model = likelihood.stage, likelihood.noise.model
     places = {p.name: ("N*m" if p.domain == "rotation" else "N") for p in stage.system.places}
+    states = what_may_act(likelihood.linearised).states
 
-    def unit_of(where: str) -> str:
-        if where in places:
-            return places[where]
-        return stage.system.unit(where)
+    def unit_of(process: Process) -> str:
+        if process.channel < 0 and process.where in places:
+            return places[process.where]
+        unit = stage.system.unit(process.where)
+        return f"({unit})/s" if process.channel < 0 and process.where in states else unit
 
-    kept = tuple((q, unit_of(q.where)) for q in model.processes if q.std > 1e-6 * max(p.std for p in model.processes))
+    kept = tuple((q, unit_of(q)) for q in model.processes if q.std > 1e-6 * max(p.std for p in model.processes))
     duration = max(float(r.time[-1] - r.time[0]) for r in likelihood.noise.records)
     return RandomForces(processes=kept, noise=dict(zip(stage.outputs, model.noise, strict=True)), duration=duration)

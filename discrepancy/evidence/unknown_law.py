@@ -2,8 +2,8 @@
 
 It is a rival of every effect that has a name, by the same criterion: a model with it has a marginal likelihood as any
 other.  The function is a Gaussian process over the signals that a force may depend on: position and speed at every
-connection, the states, the measured outputs.  It acts at a connection, on a recorded input, or on the reading of a
-sensor.  A disturbance from outside does not know where the machine is, and gains nothing by it.
+connection, the states, the measured outputs.  It acts at a connection, on a recorded input, on the rate of a state, or
+on the reading of a sensor.  A disturbance from outside does not know where the machine is, and gains nothing by it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 
 from discrepancy.evidence.likelihood import (
     StageLikelihood,
-    acting_inputs,
     fitted_noise,
     log_price,
     noise_floor,
     record_columns,
     steady_reach,
+    what_may_act,
     with_columns,
 )
 from discrepancy.evidence.policy import POLICY
@@ -35,6 +35,8 @@ from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = ["UNKNOWN", "UnknownLaw", "unknown_law"]
 
+#: What a function may act on.
+Target = Literal["connection", "input", "state", "output"]
 UNKNOWN = "unknown_force"  # the kind of what is found without a law
 #: Directions that the Gaussian process is approximated by; where the signals move in few, fewer are needed.
 DIRECTIONS = 50
@@ -65,8 +67,8 @@ class UnknownLaw:
     Parameters
     ----------
     where : str
-        Connection, input or output.
-    acts_on : {"connection", "input", "output"}
+        Connection, input, state or output.
+    acts_on : {"connection", "input", "state", "output"}
     depends_on : tuple of str
         The signals that it follows, the first of them most.
     gain : float, nats
@@ -83,7 +85,7 @@ class UnknownLaw:
     """
 
     where: str
-    acts_on: Literal["connection", "input", "output"]
+    acts_on: Target
     depends_on: tuple[str, ...]
     gain: float
     log_odds: float
@@ -119,6 +121,7 @@ class UnknownLaw:
         what = {
             "connection": f"a force at {self.where}",
             "input": f"an addition to the recorded input {self.where}",
+            "state": f"an addition to the rate of {self.where}",
             "output": f"an error of the measured output {self.where}",
         }[self.acts_on]
         signals = [_in_words(name) for name in self.depends_on]
@@ -164,7 +167,7 @@ class _Source:
     """Where the function may act, and what a unit of it changes: a function of its value at every sample, (N, m)."""
 
     where: str
-    acts_on: Literal["connection", "input", "output"]
+    acts_on: Target
     index: int
     unit: float
 
@@ -234,11 +237,16 @@ class _Question:
     def sources(self) -> list[_Source]:
         linearised, records = self.likelihood.linearised, self.likelihood.noise.records
         noise = noise_floor(linearised)
-        names, inputs = acting_inputs(linearised)
+        acting = what_may_act(linearised)
+        places: list[tuple[Target, str]] = [
+            *(("connection", name) for name in acting.connections),
+            *(("input", name) for name in acting.inputs),
+            *(("state", name) for name in acting.states),
+        ]
         reach = steady_reach(records, noise)
         sources = [
-            _Source(where=name, acts_on="connection" if j < len(names) else "input", index=j, unit=1.0 / reach[j])
-            for j, name in enumerate((*names, *inputs))
+            _Source(where=where, acts_on=target, index=j, unit=1.0 / reach[j])
+            for j, (target, where) in enumerate(places)
             if reach[j] > 0.0
         ]
         outputs = linearised.residual().channels

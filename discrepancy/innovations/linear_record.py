@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.response.experiment import Experiment
-from estimation.response.perturbations import PerturbationResponse
+from estimation.response.perturbations import PerturbationResponse, StateRate
 from multibody.machine.model import System
 
 __all__ = ["LinearRecord", "linear_record"]
@@ -89,9 +89,14 @@ class LinearRecord:
 
 
 def linear_record(
-    experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, channels: Sequence[str]
+    experiment: Experiment,
+    system: System,
+    p: np.ndarray,
+    x0: np.ndarray,
+    channels: Sequence[str],
+    rates: Sequence[str] = (),
 ) -> LinearRecord:
-    """Return the linearisation along a record with additions to some inputs.
+    """Return the linearisation along a record with additions to some inputs, and to the rates of some states.
 
     States that no output depends on are left out.
 
@@ -104,6 +109,8 @@ def linear_record(
     x0 : ndarray, shape (n_x,)
     channels : sequence of str
         Inputs that the latent forces are added to.
+    rates : sequence of str
+        States to whose rates something is added as well; these columns follow those of the inputs.
 
     Raises
     ------
@@ -112,7 +119,8 @@ def linear_record(
     """
     if not len(system.states):
         return _without_states(experiment, system, p, channels)
-    response = PerturbationResponse.along(experiment.simulation(system, p, x0), tuple(channels))
+    acting = (*channels, *map(StateRate, rates))
+    response = PerturbationResponse.along(experiment.simulation(system, p, x0), acting)
     raw = np.array(experiment.record.time)
     prepared = experiment.time
     keep = _kept(raw, prepared)

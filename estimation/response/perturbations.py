@@ -25,6 +25,7 @@ __all__ = [
     "ParameterPerturbation",
     "Perturbation",
     "PerturbationResponse",
+    "StateRate",
     "cheaper_by_transition_matrices",
     "perturbed_channels",
 ]
@@ -47,6 +48,18 @@ class InputPerturbation:
 
     channel: str
     values: np.ndarray
+
+
+@dataclass(frozen=True)
+class StateRate:
+    """The rate of a state, as a channel that may be perturbed: what is added to it enters the state's equation.
+
+    Parameters
+    ----------
+    state : str
+    """
+
+    state: str
 
 
 @dataclass(frozen=True)
@@ -99,8 +112,8 @@ class PerturbationResponse:
 
     Attributes
     ----------
-    channels : tuple of (str or ParameterPerturbation)
-        Inputs that may be perturbed, then parameters.
+    channels : tuple of (str or StateRate or ParameterPerturbation)
+        Inputs that may be perturbed, then rates of states, then parameters.
     outputs : ndarray, shape (nt, c)
         Nominal outputs on the record's grid, before sensors and preparation.
     phi, gamma0, gamma1 : ndarray
@@ -109,7 +122,7 @@ class PerturbationResponse:
         Derivatives of the outputs by states and by the channels.
     """
 
-    channels: tuple[str | ParameterPerturbation, ...]
+    channels: tuple[str | StateRate | ParameterPerturbation, ...]
     outputs: np.ndarray
     phi: np.ndarray
     gamma0: np.ndarray
@@ -119,7 +132,7 @@ class PerturbationResponse:
 
     @classmethod
     def along(
-        cls, simulation: RecordSimulation, channels: Sequence[str | ParameterPerturbation]
+        cls, simulation: RecordSimulation, channels: Sequence[str | StateRate | ParameterPerturbation]
     ) -> PerturbationResponse:
         """Integrate the state-transition matrices along the trajectory of a record.
 
@@ -196,15 +209,18 @@ class PerturbationResponse:
 def _by_channels(
     system: System,
     p: np.ndarray,
-    channels: Sequence[str | ParameterPerturbation],
+    channels: Sequence[str | StateRate | ParameterPerturbation],
     t: np.ndarray,
     x: np.ndarray,
     u: np.ndarray,
     of: str,
 ) -> np.ndarray:
-    """Return the derivatives by inputs and parameters at every sample of a trajectory, shape (nt, rows, n_channels)."""
-    inputs = [system.index("input", c) for c in channels if not isinstance(c, ParameterPerturbation)]
+    """Return the derivatives by the channels at every sample of a trajectory, shape (nt, rows, n_channels)."""
+    inputs = [system.index("input", c) for c in channels if isinstance(c, str)]
     blocks = [system.jacobian_along("u", t, x, u, p, of=of, columns=np.array(inputs, dtype=int))]
+    if rates := [system.index("state", c.state) for c in channels if isinstance(c, StateRate)]:
+        rows = np.eye(len(system.states)) if of == "rhs" else np.zeros((len(system.outputs), len(system.states)))
+        blocks.append(np.broadcast_to(rows[:, rates], (t.size, len(rows), len(rates))))
     parameters = (c for c in channels if isinstance(c, ParameterPerturbation))
     for evaluated_at, group in groupby(parameters, key=lambda c: c.evaluated_at):
         shaped = p.copy()
