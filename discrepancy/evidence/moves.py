@@ -16,7 +16,7 @@ from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import changed_share, simulation_gain
-from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, proposed_effects
+from discrepancy.evidence.proposals import Proposal, Proposals, ScoredCandidate, entries_of, proposed_effects
 from discrepancy.evidence.unknown_law import UnknownLaw
 from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.stages.stage import Stage
@@ -34,6 +34,7 @@ __all__ = [
     "key_of",
     "matters_to_prediction",
     "pairs",
+    "pairs_in_place_of_random",
     "simplifications",
     "why_irrelevant",
 ]
@@ -161,9 +162,21 @@ class TriedModel:
 
 def additions(proposals: Proposals, effects: Sequence[Effect]) -> list[Proposal]:
     """Return the models with one effect more that are worth a full fit."""
-    instead = [replace(proposed_effects(c, effects), noise=None, new_noise=True) for c in proposals.instead]
-    names = {c.name for c in proposals.instead}
+    instead = [_in_place_of_random(c, effects) for (c, *others) in proposals.instead if not others]
+    names = {str(p.effects[-1]) for p in instead}
     return [*instead, *(proposed_effects(c, effects) for c in proposals.ahead() if c.name not in names)]
+
+
+def pairs_in_place_of_random(proposals: Proposals, effects: Sequence[Effect]) -> list[Proposal]:
+    """Return the models with two effects more that together do what the latent processes of the noise do."""
+    found = [each for each in proposals.instead if len(each) > 1]
+    return [
+        replace(_in_place_of_random(b, _in_place_of_random(a, effects).effects), move="add a pair") for a, b in found
+    ]
+
+
+def _in_place_of_random(candidate: ScoredCandidate, effects: Sequence[Effect]) -> Proposal:
+    return replace(proposed_effects(candidate, effects), noise=None, new_noise=True)
 
 
 def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:

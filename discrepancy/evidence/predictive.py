@@ -18,6 +18,7 @@ from discrepancy.stages.stage import Stage
 
 __all__ = [
     "PredictiveGain",
+    "SimulationGain",
     "changed_share",
     "gain_of_errors",
     "gain_of_scores",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,7 +38,7 @@ from discrepancy.statistics.whitened import WhitenedProblem, whiten_all
 from discrepancy.statistics.whitening import identity
 from multibody.base.quantity_text import count_text
 
-__all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
+__all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose", "proposed_effects"]
 
 
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
@@ -152,8 +153,9 @@ class Proposals:
     candidates : tuple of ScoredCandidate
         Best linear evidence first: under the model's noise, or under the noise that is left beside the best of them,
         whichever is larger.
-    instead : tuple of ScoredCandidate
-        Those that explain best what the latent processes of the noise do; they are fitted whatever their gain.
+    instead : tuple of tuple of ScoredCandidate
+        Those, one or two at once, that do best what the latent processes of the noise do; they are fitted whatever
+        their gain.
     refused : tuple of (Entry, str)
     owned : mapping of str to str
         Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
@@ -165,7 +167,7 @@ class Proposals:
 
     scan: ScanResult
     candidates: tuple[ScoredCandidate, ...]
-    instead: tuple[ScoredCandidate, ...]
+    instead: tuple[tuple[ScoredCandidate, ...], ...]
     refused: tuple[tuple[Entry, str], ...]
     owned: Mapping[str, str]
     alike: Mapping[str, frozenset[str]]
@@ -261,7 +263,7 @@ def propose(
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, scoring.white, POLICY.same_direction)
     scorings = [scoring, *_scoring_beside_leading(likelihood, scoring, progress)]
-    instead = tuple(c for c in _in_place_of_random(likelihood, scoring, progress) if c.name not in same_law)
+    instead = _in_place_of_random(likelihood, scoring, progress)
     owned = same_law | _owned(scorings, likeness)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
     # the direction decides what is alike: one metric for all
@@ -274,7 +276,7 @@ def propose(
     return Proposals(
         scan=result,
         candidates=tuple(candidates),
-        instead=tuple(c for c in instead if c.name not in owned),
+        instead=tuple(each for each in instead if not any(c.name in owned for c in each)),
         refused=tuple(refused),
         owned=owned,
         alike=alike,
@@ -356,6 +358,32 @@ class _Scoring:
         """The best candidate; None if there is none, or if it would act the other way."""
         return self.ranked[0] if self.ranked and np.any(self.ranked[0].expected_strength) else None
 
+    @property
+    def likeliest_single(self) -> tuple[tuple[ScoredCandidate, ...], float]:
+        """The best candidate and its gain; minus infinity without one."""
+        return ((self.leading,), self.leading.gain) if self.leading is not None else ((), -math.inf)
+
+    @property
+    def likeliest_pair(self) -> tuple[tuple[ScoredCandidate, ...], float]:
+        """The two candidates that do most together, and their gain; minus infinity without two.
+
+        Each pays for its strength and shape as it does alone.
+        """
+        able = [c for c in self.ranked if math.isfinite(c.gain)]
+        best: tuple[tuple[ScoredCandidate, ...], float] = ((), -math.inf)
+        along = [c.direction.T @ self.scored.e for c in able]
+        for i, j in itertools.combinations(range(len(able)), 2):
+            one, other = able[i], able[j]
+            beside = other.direction - one.direction @ (one.direction.T @ other.direction)
+            q, r = np.linalg.qr(beside)
+            if np.min(np.abs(np.diag(r))) ** 2 < 1.0 - POLICY.same_direction**2:
+                continue  # they change the same
+            more = q.T @ self.scored.e
+            gain = one.gain + other.gain - self.offset + 0.5 * float(more @ more - along[j] @ along[j])
+            if gain > best[1]:
+                best = (one, other), gain
+        return best
+
     def gain_beside(self, name: str, parameter: str) -> float:
         """Return by how much the log evidence rises with a candidate where a parameter is fitted without its prior."""
         k = next(k for k, c in enumerate(self.raw) if c.name == name)
@@ -367,28 +395,34 @@ class _Scoring:
 
 def _in_place_of_random(
     likelihood: StageLikelihood, own: _Scoring, progress: Callable[[str], None]
-) -> tuple[ScoredCandidate, ...]:
-    """Return the candidates that do best what the latent processes of the noise do, those first that do most of it.
+) -> tuple[tuple[ScoredCandidate, ...], ...]:
+    """Return the candidates, or pairs, that do best what the latent processes of the noise do, the best of them first.
 
-    They are sought without each of the processes, and without all of them.  What a large effect leaves of the residual
-    in the linearised problem says little of what it leaves in truth, so only a fit tells what is random beside it.
+    They are sought without each of the processes, and without all of them; two at once only where one does not do.
+    What a large effect leaves of the residual in the linearised problem says little of what it leaves in truth, so only
+    a fit tells what is random beside it.
     """
     model = likelihood.noise.model
     fewer = [tuple(q for q in model.processes if q is not process) for process in model.processes]
     at_best_shapes = [c.at_one_shape for c in own.ranked]
-    shares: list[tuple[float, ScoredCandidate]] = []
+    shares: list[tuple[float, tuple[ScoredCandidate, ...]]] = []
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
         progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
-        leading = without.leading
-        share = 1.0 - leading.gain / min(without.offset, -1.0) if leading is not None else 0.0
-        if leading is not None and share > REGAINED:
-            shares.append((share, leading))
-    leaders: list[ScoredCandidate] = []
-    for _, candidate in sorted(shares, key=lambda t: -t[0]):
-        if not any(_same(candidate, other) for other in leaders):
-            leaders.append(candidate)
+        for explanation, gain in (without.likeliest_single, without.likeliest_pair):
+            share = 1.0 - gain / min(without.offset, -1.0)
+            if share > REGAINED:
+                shares.append((share, explanation))
+                break
+    leaders: list[tuple[ScoredCandidate, ...]] = []
+    for _, explanation in sorted(shares, key=lambda t: -t[0]):
+        if not any(_do_the_same(explanation, other) for other in leaders):
+            leaders.append(explanation)
     return tuple(leaders[:REFITTED])
+
+
+def _do_the_same(one: Sequence[ScoredCandidate], other: Sequence[ScoredCandidate]) -> bool:
+    return len(one) == len(other) and all(any(_same(a, b) for b in other) for a in one)
 
 
 def _scoring_beside_leading(

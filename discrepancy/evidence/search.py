@@ -17,6 +17,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
 from discrepancy.evidence.predictive import (
     PredictiveGain,
+    SimulationGain,
     gain_of_errors,
     held_out_errors,
     held_out_gain,
@@ -190,6 +191,7 @@ class EvidenceSearch:
             curves = state.if_simulated("free curves", lambda: self._curves(likelihood))
             offers += curves or []
         if room > 1:
+            offers += [(p, 1.0) for p in moves.pairs_in_place_of_random(proposals, stage.effects)]
             offers += [(p, 1.0) for p in moves.pairs(proposals, stage)]
         if len(stage.effects) > 1:
             offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
@@ -437,14 +439,11 @@ class EvidenceSearch:
         state = self.state
         while best.key and best.likelihood is not None and state.problem.validate:
             self._move_to_likeliest(best)
-            here = held_out_errors(with_validation(state.problem, best.stage))
             weakest: tuple[float, TriedModel, str] | None = None
             for model in self._fitted_once(best, moves.drops(best)):
                 if model.likelihood is None:
                     continue
-                gain = gain_of_errors(
-                    best.stage.outputs, here, held_out_errors(with_validation(state.problem, model.stage))
-                )
+                gain = self._held_out_gain_of_errors(best.stage, model.stage)
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
                 helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
@@ -468,13 +467,19 @@ class EvidenceSearch:
             best = weakest[1]
         return best
 
+    def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
+        """Return by how much one fit simulates the records held out better than another."""
+        errors = [held_out_errors(with_validation(self.state.problem, stage)) for stage in (one, other)]
+        return gain_of_errors(one.outputs, *errors)
+
     def _move_to_likeliest(self, model: TriedModel) -> None:
         """Move a model to the parameters of largest likelihood, unless it is clearly less probable there.
 
         Trials are fitted by least squares.  Beside a large random force these are far from the likeliest parameters:
-        the strength of an effect is then mostly what the random force happened to be.  The step is that of the
-        linearised problem.  Where it is right the log evidence stays, but for what another linearisation makes of it,
-        which is some nats where dry friction sticks.
+        the strength of an effect is then mostly what the random force happened to be.  But the model without the effect
+        was calibrated by least squares, and the records held out must not be predicted worse than by that.  The step is
+        that of the linearised problem.  Where it is right the log evidence stays, but for what another linearisation
+        makes of it, which is some nats where dry friction sticks.
         """
         likelihood, prior = model.likelihood, self.prior
         if likelihood is None or prior is None or model.at_likeliest:
@@ -487,6 +492,9 @@ class EvidenceSearch:
             self.state.progress(f"{model.name} stays at the parameters of least squares: {error}")
             return
         if evidence.total < model.total - POLICY.reach:
+            return
+        if self._held_out_gain_of_errors(there.stage, likelihood.stage).harms(POLICY.harm, POLICY.simulation_errors):
+            self.state.progress(f"{model.name} stays at the parameters of least squares, which predict better")
             return
         self.state.progress(
             f"{model.name}: log evidence {evidence.total - model.total:+.1f} at the likeliest parameters"
