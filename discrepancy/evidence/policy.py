@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from discrepancy.statistics.thresholds import HARMFUL_SHARE, RELEVANT_SHARE, SIMULATION_ERRORS
+
 __all__ = ["POLICY"]
 
 
@@ -71,10 +73,10 @@ class Policy:
     effect_cost: float = 3.0
     pair_advantage: float = 5.0
     improvement: float = 3.0
-    relevance: float = 0.02
+    relevance: float = RELEVANT_SHARE
     unnamed_relevance: float = 0.05
-    harm: float = 0.02
-    simulation_errors: float = 2.0
+    harm: float = HARMFUL_SHARE
+    simulation_errors: float = SIMULATION_ERRORS
     predictive_errors: float = 1.0
     temperature: float = 3.0
     set_share: float = 0.95

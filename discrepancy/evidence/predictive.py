@@ -14,15 +14,13 @@ from discrepancy.innovations.noise_model import NoiseModel
 from discrepancy.problem.problem import Problem
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.fit_stage import with_validation
+from discrepancy.stages.held_out_errors import SimulationGain, gain_of_errors
 from discrepancy.stages.stage import Stage
 
 __all__ = [
     "PredictiveGain",
-    "SimulationGain",
     "changed_share",
-    "gain_of_errors",
     "gain_of_scores",
-    "held_out_errors",
     "held_out_gain",
     "predictive_gain",
     "scores_of_blocks",
@@ -76,40 +74,6 @@ def gain_of_scores(one: np.ndarray, other: np.ndarray) -> PredictiveGain:
     return PredictiveGain(gain=float(np.sum(difference)), standard_error=error, blocks=n)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SimulationGain:
-    """By how much one model simulates records left out better than another, output by output.
-
-    Parameters
-    ----------
-    outputs : tuple of str
-    share : ndarray, shape (n_c,)
-        Of the mean square error of the other model that is gone; negative where the error has grown.
-    standard_error : ndarray, shape (n_c,)
-        Of that share, from its spread over the blocks.
-    """
-
-    outputs: tuple[str, ...]
-    share: np.ndarray
-    standard_error: np.ndarray
-
-    def __str__(self) -> str:
-        parts = zip(self.outputs, self.share, self.standard_error, strict=True)
-        return ", ".join(f"{n} {100 * s:+.2g} ± {100 * e:.2g} %" for n, s, e in parts)
-
-    def helps(self, least: float, errors: float) -> bool:
-        """Tell whether some output is simulated better by at least so large a share and so many standard errors."""
-        return bool(np.any((self.share >= least) & (self.share > errors * self.standard_error)))
-
-    def rules_out(self, least: float, errors: float) -> np.ndarray:
-        """Tell of each output whether an improvement by so large a share is out of so many standard errors' reach."""
-        return self.share + errors * self.standard_error < least
-
-    def harms(self, least: float, errors: float) -> bool:
-        """Tell whether some output is simulated worse by at least so large a share and so many standard errors."""
-        return bool(np.any((-self.share >= least) & (-self.share > errors * self.standard_error)))
-
-
 def simulation_gain(one: StageLikelihood, other: StageLikelihood) -> SimulationGain:
     """Return by how much ``one`` simulates blocks of the identification records left out better than ``other``."""
     return gain_of_errors(one.stage.outputs, simulation_errors(one), simulation_errors(other))
@@ -121,22 +85,6 @@ def changed_share(one: Stage, other: Stage) -> np.ndarray:
     after = np.concatenate([f.residual for f in one.identify.fits])
     share: np.ndarray = np.mean((after - before) ** 2, axis=0) / np.maximum(np.mean(before**2, axis=0), 1e-300)
     return share
-
-
-def held_out_errors(stage: Stage) -> np.ndarray:
-    """Return the sum of squared errors of each record held out, (n_records, n_c)."""
-    return np.array([np.sum(f.residual**2, axis=0) for f in stage.fits("validate")])
-
-
-def gain_of_errors(outputs: tuple[str, ...], one: np.ndarray, other: np.ndarray) -> SimulationGain:
-    """Return by how much the first squared errors, (n_blocks, n_c), are smaller than the second.
-
-    Blocks count alike, whatever their size: the mean over the blocks of the logarithm of the ratio.
-    """
-    ratios = np.log(np.maximum(one, 1e-300) / np.maximum(other, 1e-300))
-    mean, n = np.mean(ratios, axis=0), len(ratios)
-    error = np.std(ratios, axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(mean.size)
-    return SimulationGain(outputs=outputs, share=-np.expm1(mean), standard_error=np.exp(mean) * error)
 
 
 def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:

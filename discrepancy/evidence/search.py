@@ -17,9 +17,6 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
 from discrepancy.evidence.predictive import (
     PredictiveGain,
-    SimulationGain,
-    gain_of_errors,
-    held_out_errors,
     held_out_gain,
     predictive_gain,
 )
@@ -27,6 +24,7 @@ from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, prop
 from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
+from discrepancy.stages.held_out_errors import SimulationGain, held_out_gain_of_errors
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from multibody.base.errors import ModelError
@@ -468,9 +466,8 @@ class EvidenceSearch:
         return best
 
     def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
-        """Return by how much one fit simulates the records held out better than another."""
-        errors = [held_out_errors(with_validation(self.state.problem, stage)) for stage in (one, other)]
-        return gain_of_errors(one.outputs, *errors)
+        problem = self.state.problem
+        return held_out_gain_of_errors(with_validation(problem, one), with_validation(problem, other))
 
     def _move_to_likeliest(self, model: TriedModel) -> None:
         """Move a model to the parameters of largest likelihood, unless it is clearly less probable there.

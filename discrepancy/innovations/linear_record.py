@@ -119,7 +119,7 @@ def linear_record(
     """
     if not len(system.states):
         return _without_states(experiment, system, p, channels)
-    acting = (*channels, *map(StateRate, rates))
+    acting: tuple[str | StateRate, ...] = (*channels, *map(StateRate, rates))
     response = PerturbationResponse.along(experiment.simulation(system, p, x0), acting)
     raw = np.array(experiment.record.time)
     prepared = experiment.time

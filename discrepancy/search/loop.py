@@ -15,8 +15,9 @@ from discrepancy.search.omnibus import omnibus_of_stage
 from discrepancy.search.prior_conflict_test import find_prior_conflict
 from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
+from discrepancy.stages.held_out_errors import held_out_gain_of_errors
 from discrepancy.stages.stage import AcceptedEffect, Stage
-from discrepancy.statistics.thresholds import DECISIVE_BIC, LEVEL_SHARES
+from discrepancy.statistics.thresholds import DECISIVE_BIC, HARMFUL_SHARE, LEVEL_SHARES, SIMULATION_ERRORS
 from multibody.base.errors import SimulationError
 
 __all__ = ["Search"]
@@ -54,6 +55,7 @@ class Search:
         undecided = not state.accepted_stages and bool(state.decisions)
         if undecided and state.if_simulated("effects without significance", self._add_without_significance):
             self._add_significant()
+        self._drop_harmful()
         state.if_simulated("whether parameters alone explain as much", self.test_prior_conflict)
 
     # ---------------------------------------------------------------- one step
@@ -210,6 +212,24 @@ class Search:
         accepted = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
         self.state.stages.append(replace(stage, accepted=accepted))
         self.state.save()
+
+    def _drop_harmful(self) -> None:
+        """Take back the latest effects, one after another, that make a prediction of the records held out worse.
+
+        What is significant in the residual may still be what the linearisation about a wrong model makes of it.  A
+        force without a law is no name, and stays.
+        """
+        stages = self.state.stages
+        while (accepted := stages[-1].accepted) is not None and stages[-1].validate is not None:
+            count = 2 if stages[-2].half_of_masking_pair else 1
+            before = stages[-1 - count]
+            gain = held_out_gain_of_errors(stages[-1], before)
+            if accepted.effect.definition.free_form or not gain.harms(HARMFUL_SHARE, SIMULATION_ERRORS):
+                return
+            note = f"{accepted.effect} is not announced: records held out are predicted worse with it"
+            self.state.progress(f"{note} (square error gone: {gain})")
+            stages[-1 - count :] = [replace(before, notes=(*before.notes, note))]
+            self.state.save()
 
     # ---------------------------------------------------------------- backward elimination
 

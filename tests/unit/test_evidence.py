@@ -12,7 +12,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_strengths
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.posterior import posterior
-from discrepancy.evidence.predictive import gain_of_errors
+from discrepancy.stages.held_out_errors import gain_of_errors
 
 GAIN = Effect(kind="sensor_gain", where="speed", strengths={"gain": 0.1})
 OFFSET = Effect(kind="sensor_offset", where="speed", strengths={"offset": 0.1})
