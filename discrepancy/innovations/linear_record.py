@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.response.experiment import Experiment
-from estimation.response.perturbations import PerturbationResponse, StateRate
+from estimation.response.perturbations import Channel, PerturbationResponse, StateRate
 from multibody.machine.model import System
 
 __all__ = ["LinearRecord", "linear_record"]
@@ -119,7 +119,7 @@ def linear_record(
     """
     if not len(system.states):
         return _without_states(experiment, system, p, channels)
-    acting: tuple[str | StateRate, ...] = (*channels, *map(StateRate, rates))
+    acting: tuple[Channel, ...] = (*channels, *map(StateRate, rates))
     response = PerturbationResponse.along(experiment.simulation(system, p, x0), acting)
     raw = np.array(experiment.record.time)
     prepared = experiment.time

@@ -16,8 +16,8 @@ import numpy as np
 from estimation.files.record import Record
 from estimation.response.own_instants import AtOwnInstants, at_own_instants
 from estimation.response.perturbations import (
+    Channel,
     InputPerturbation,
-    ParameterPerturbation,
     Perturbation,
     PerturbationResponse,
     cheaper_by_transition_matrices,
@@ -452,7 +452,7 @@ class Experiment:
         p: np.ndarray,
         x0: np.ndarray,
         perturbations: Sequence[Perturbation],
-        also: Sequence[str | ParameterPerturbation] = (),
+        also: Sequence[Channel] = (),
     ) -> PerturbationResponse:
         """Return the linearised response to some perturbations; the last one is kept until `trim_cache`.
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from multibody.machine.model import System
 
 __all__ = [
+    "Channel",
     "InputPerturbation",
     "ParameterPerturbation",
     "Perturbation",
@@ -80,20 +81,21 @@ class ParameterPerturbation:
 
 
 Perturbation = InputPerturbation | ParameterPerturbation
+#: What may be perturbed: an input by its name, the rate of a state, a parameter.
+Channel = str | StateRate | ParameterPerturbation
 
 
 def _channel(perturbation: Perturbation) -> str | ParameterPerturbation:
     return perturbation.channel if isinstance(perturbation, InputPerturbation) else perturbation
 
 
-def perturbed_channels(
-    perturbations: Sequence[Perturbation], also: Sequence[str | ParameterPerturbation] = ()
-) -> tuple[str | ParameterPerturbation, ...]:
-    """Return what is perturbed, each once: inputs first, then parameters, sorted by where they are evaluated."""
+def perturbed_channels(perturbations: Sequence[Perturbation], also: Sequence[Channel] = ()) -> tuple[Channel, ...]:
+    """Return what is perturbed, each once: inputs, rates, then parameters, sorted by where they are evaluated."""
     every = dict.fromkeys([*map(_channel, perturbations), *also])
+    inputs = [c for c in every if isinstance(c, str)]
+    rates = [c for c in every if isinstance(c, StateRate)]
     parameters = [c for c in every if isinstance(c, ParameterPerturbation)]
-    inputs = (c for c in every if not isinstance(c, ParameterPerturbation))
-    return *inputs, *sorted(parameters, key=lambda c: c.evaluated_at)
+    return *inputs, *rates, *sorted(parameters, key=lambda c: c.evaluated_at)
 
 
 def cheaper_by_transition_matrices(system: System, perturbations: Sequence[Perturbation]) -> bool:
@@ -122,7 +124,7 @@ class PerturbationResponse:
         Derivatives of the outputs by states and by the channels.
     """
 
-    channels: tuple[str | StateRate | ParameterPerturbation, ...]
+    channels: tuple[Channel, ...]
     outputs: np.ndarray
     phi: np.ndarray
     gamma0: np.ndarray
@@ -131,9 +133,7 @@ class PerturbationResponse:
     d: np.ndarray
 
     @classmethod
-    def along(
-        cls, simulation: RecordSimulation, channels: Sequence[str | StateRate | ParameterPerturbation]
-    ) -> PerturbationResponse:
+    def along(cls, simulation: RecordSimulation, channels: Sequence[Channel]) -> PerturbationResponse:
         """Integrate the state-transition matrices along the trajectory of a record.
 
         Raises
@@ -209,7 +209,7 @@ class PerturbationResponse:
 def _by_channels(
     system: System,
     p: np.ndarray,
-    channels: Sequence[str | StateRate | ParameterPerturbation],
+    channels: Sequence[Channel],
     t: np.ndarray,
     x: np.ndarray,
     u: np.ndarray,
