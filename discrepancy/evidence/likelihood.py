@@ -19,6 +19,7 @@ from multibody.base.parallel import parallel_map
 from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = [
+    "REGAINED",
     "Acting",
     "StageLikelihood",
     "log_price",
@@ -41,6 +42,9 @@ MEMORIES = 4
 CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 6.0
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3
+#: Share of the log evidence lost without the latent processes that what stands in their place must regain: more than
+#: half, else it leaves most of what they do, and the noise beside it is much as before.
+REGAINED = 0.5
 SHOWN = 3  # records from which it is worked out how far a force moves the outputs: an order of magnitude is enough
 
 
@@ -153,6 +157,11 @@ class StageLikelihood:
         """Samples of all outputs that are part of the likelihood."""
         outputs = len(self.linearised.residual().channels)
         return outputs * sum(int(np.sum(~mask)) for mask in self.left_out)
+
+    @property
+    def duration(self) -> float:
+        """Of the longest record, s."""
+        return max(float(r.time[-1] - r.time[0]) for r in self.noise.records)
 
     @property
     def held(self) -> tuple[str, ...]:

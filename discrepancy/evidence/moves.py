@@ -293,13 +293,14 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     assert model.likelihood is not None
     assert parent.likelihood is not None
     gain = simulation_gain(model.likelihood, parent.likelihood)
-    if gain.harms(POLICY.harm, POLICY.simulation_errors):
+    errors = gain.in_normal_errors(POLICY.simulation_errors)
+    if gain.harms(POLICY.harm, errors):
         return f"some output of records left out is simulated worse (square error gone: {gain})"
     if matters_to_prediction(model, parent):
         return ""
     share = changed_share(model.stage, parent.stage)
     if not np.any(share >= POLICY.relevance):
         return f"it changes no output by {100 * POLICY.relevance:.0f} % of its mean square error"
-    if np.all((share < POLICY.relevance) | gain.rules_out(POLICY.relevance, POLICY.simulation_errors)):
+    if np.all((share < POLICY.relevance) | gain.rules_out(POLICY.relevance, errors)):
         return f"records left out are not simulated better (square error gone: {gain})"
     return ""

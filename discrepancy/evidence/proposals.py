@@ -15,6 +15,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of, simpler_in
 from discrepancy.evidence.criterion import log_prior_of_strengths, strength_scale
 from discrepancy.evidence.likelihood import (
+    REGAINED,
     StageLikelihood,
     fitted_noise,
     log_price,
@@ -46,9 +47,6 @@ __all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose", 
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Candidates that explain what is taken for random, which are fitted in full, the noise anew: each costs seconds.
 REFITTED = 2
-#: Share of the log evidence lost without the latent processes that such a candidate must regain: more than half, else
-#: it leaves most of what they do, and the noise beside it is much as before.
-REGAINED = 0.5
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})

@@ -32,14 +32,8 @@ class RandomForces:
 
     @property
     def slower_than_records(self) -> tuple[tuple[Process, str], ...]:
-        """The forces that remember longer than the longest record lasts.
-
-        Chance shows by repetition.  A force of which the records hold less than one memory is drawn once, and may as
-        well be what the model lacks.
-        """
-        return tuple(
-            (q, unit) for q, unit in self.processes if q.channel < 0 and q.frequency == 0.0 and q.memory > self.duration
-        )
+        """The forces that remember longer than the longest record lasts."""
+        return tuple((q, unit) for q, unit in self.processes if q.channel < 0 and q.outlasts(self.duration))
 
     @property
     def sentence(self) -> str:
@@ -113,5 +107,5 @@ def random_forces_of(likelihood: StageLikelihood) -> RandomForces:
         return f"({unit})/s" if process.channel < 0 and process.where in states else unit
 
     kept = tuple((q, unit_of(q)) for q in model.processes if q.std > 1e-6 * max(p.std for p in model.processes))
-    duration = max(float(r.time[-1] - r.time[0]) for r in likelihood.noise.records)
-    return RandomForces(processes=kept, noise=dict(zip(stage.outputs, model.noise, strict=True)), duration=duration)
+    noise = dict(zip(stage.outputs, model.noise, strict=True))
+    return RandomForces(processes=kept, noise=noise, duration=likelihood.duration)

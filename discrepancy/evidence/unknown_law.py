@@ -11,13 +11,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from discrepancy.evidence.likelihood import (
+    REGAINED,
     StageLikelihood,
     fitted_noise,
     log_price,
@@ -29,7 +30,13 @@ from discrepancy.evidence.likelihood import (
 )
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_scores, scores_of_blocks
-from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, likeliest_change, restricted_log_likelihoods
+from discrepancy.innovations.noise_fit import (
+    PROCESS_PRICE,
+    RecordColumns,
+    likeliest_change,
+    restricted_log_likelihood,
+    restricted_log_likelihoods,
+)
 from discrepancy.innovations.noise_model import NoiseModel
 from multibody.solvers.kernels.perturbations import propagate
 
@@ -183,7 +190,10 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
     if not asked.signals or not asked.sources:
         return None
     likeliest = sorted(asked.likeliest_of_sources(), key=lambda t: -t.gain - asked.log_odds(t.signals))[:REFITS]
-    best = max((asked.refitted(asked.extended(each)) for each in likeliest), key=lambda t: t.gain + t.log_odds)
+    refits = [asked.refitted(asked.extended(each)) for each in likeliest]
+    if (hidden := asked.taken_for_slow_forces()) is not None:
+        refits.append(asked.refitted(hidden, from_white=True))
+    best = max(refits, key=lambda t: t.gain + t.log_odds)
     share, predictive = asked.consequences(best)
     return UnknownLaw(
         where=best.source.where,
@@ -331,13 +341,29 @@ class _Question:
         _, std, offset = self._of_records
         return np.concatenate([std, np.full(count, size)]), np.concatenate([offset, np.zeros(count)])
 
-    def screened(self, source: _Source, chosen: tuple[str, ...]) -> _Screened:
-        """Return the gain of a function of some signals at the noise as it is, at the size that gains most."""
+    def screened(self, source: _Source, chosen: tuple[str, ...], noise: NoiseModel | None = None) -> _Screened:
+        """Return the gain of a function of some signals at the size that gains most, at the noise as it is or given."""
         fitted, basis = self.likelihood.noise, self.basis(chosen)
         columns, count = self.with_function(source, basis), basis[0].shape[1]
-        values = restricted_log_likelihoods(columns, fitted.model, [self.priors(z, count) for z in SIZES])
+        values = restricted_log_likelihoods(columns, noise or fitted.model, [self.priors(z, count) for z in SIZES])
         best, size = max(zip(values, SIZES, strict=True))
         return _Screened(source=source, signals=chosen, size=size, gain=best - fitted.log_likelihood)
+
+    def taken_for_slow_forces(self) -> _Screened | None:
+        """Return the function of one signal that does best what random forces slower than the records do, if it does.
+
+        What is missing is first taken for noise, and the noise then hides it.
+        """
+        noise = self.likelihood.noise
+        faster = tuple(q for q in noise.model.processes if not q.outlasts(self.likelihood.duration))
+        if len(faster) == len(noise.model.processes):
+            return None
+        without = replace(noise.model, processes=faster)
+        _, std, offset = self._of_records
+        lost = noise.log_likelihood - restricted_log_likelihood(self.columns, without, std, offset)
+        every = (self.screened(source, (name,), without) for source in self.sources for name in self.signals)
+        best = max(every, key=lambda t: t.gain)
+        return best if best.gain > -(1.0 - REGAINED) * lost else None
 
     def likeliest_of_sources(self) -> list[_Screened]:
         """Return the best function of one or two signals at each source, the choice counted.
@@ -367,14 +393,18 @@ class _Question:
         choices = math.comb(len(self.signals), len(signals))
         return -math.log(2.0 * len(self.sources) * choices)
 
-    def refitted(self, chosen: _Screened) -> _Refit:
-        """Return the gain where the noise is fitted again, with the function and without, from the same start."""
+    def refitted(self, chosen: _Screened, *, from_white: bool = False) -> _Refit:
+        """Return the gain where the noise is fitted again, with the function and without, from the same start.
+
+        With the function it can be fitted from white noise instead.
+        """
         linearised, fitted = self.likelihood.linearised, self.likelihood.noise
         basis = self.basis(chosen.signals)
         columns, count = self.with_function(chosen.source, basis), basis[0].shape[1]
         trials = []
         for z in (chosen.size * factor for factor in SIZE_FACTORS):
-            own = fitted_noise(linearised, fitted.records, columns, *self.priors(z, count), fitted.model, grow=False)
+            start = None if from_white else fitted.model
+            own = fitted_noise(linearised, fitted.records, columns, *self.priors(z, count), start, grow=from_white)
             trials.append((own.log_likelihood + log_price(linearised, own.model), z, own.model))
         value, z, model = max(trials, key=lambda t: t[0])
         plain = fitted_noise(linearised, fitted.records, *self._of_records, model, grow=False)

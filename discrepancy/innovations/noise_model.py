@@ -53,6 +53,14 @@ class Process:
         """Whether it completes a good part of a cycle before it forgets where it was."""
         return self.frequency * self.memory > SWINGS
 
+    def outlasts(self, duration: float) -> bool:
+        """Tell whether it remembers longer than records last, s.
+
+        Chance shows by repetition.  What the records hold less than one memory of is drawn once, and may as well be
+        what the model lacks.
+        """
+        return self.frequency == 0.0 and self.memory > duration
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseModel:

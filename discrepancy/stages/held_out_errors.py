@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm, t
 
 from discrepancy.stages.stage import Stage
 
@@ -22,15 +23,30 @@ class SimulationGain:
         Of the mean square error of the other model that is gone; negative where the error has grown.
     standard_error : ndarray, shape (n_c,)
         Of that share, from its spread over the blocks.
+    blocks : int
     """
 
     outputs: tuple[str, ...]
     share: np.ndarray
     standard_error: np.ndarray
+    blocks: int
 
     def __str__(self) -> str:
         parts = zip(self.outputs, self.share, self.standard_error, strict=True)
         return ", ".join(f"{n} {100 * s:+.2g} ± {100 * e:.2g} %" for n, s, e in parts)
+
+    def in_normal_errors(self, errors: float) -> float:
+        """Return the multiple of the standard error that is as improbable as ``errors`` of a normal distribution.
+
+        The standard error itself is known from a few blocks only, by Student's t.
+
+        Examples
+        --------
+        >>> few = SimulationGain(outputs=("y",), share=np.zeros(1), standard_error=np.ones(1), blocks=4)
+        >>> round(few.in_normal_errors(2.0), 2)
+        3.31
+        """
+        return float(t.ppf(norm.cdf(errors), self.blocks - 1)) if self.blocks > 1 else np.inf
 
     def helps(self, least: float, errors: float) -> bool:
         """Tell whether some output is simulated better by at least so large a share and so many standard errors."""
@@ -53,7 +69,7 @@ def gain_of_errors(outputs: tuple[str, ...], one: np.ndarray, other: np.ndarray)
     ratios = np.log(np.maximum(one, 1e-300) / np.maximum(other, 1e-300))
     mean, n = np.mean(ratios, axis=0), len(ratios)
     error = np.std(ratios, axis=0, ddof=1) / np.sqrt(n) if n > 1 else np.zeros(mean.size)
-    return SimulationGain(outputs=outputs, share=-np.expm1(mean), standard_error=np.exp(mean) * error)
+    return SimulationGain(outputs=outputs, share=-np.expm1(mean), standard_error=np.exp(mean) * error, blocks=n)
 
 
 def held_out_gain_of_errors(one: Stage, other: Stage) -> SimulationGain:
