@@ -274,7 +274,7 @@ def propose(
     return Proposals(
         scan=result,
         candidates=tuple(candidates),
-        instead=tuple(each for each in instead if not any(c.name in owned for c in each)),
+        instead=instead,
         refused=tuple(refused),
         owned=owned,
         alike=alike,
@@ -356,10 +356,16 @@ class _Scoring:
         """The best candidate; None if there is none, or if it would act the other way."""
         return self.ranked[0] if self.ranked and np.any(self.ranked[0].expected_strength) else None
 
+    @cached_property
+    def _able(self) -> list[ScoredCandidate]:
+        """Candidates that may explain something, those left out that a parameter of the model stands for."""
+        owned = _owned([self], parameter_likeness(self.problem.sensitivities()))
+        return [c for c in self.ranked if math.isfinite(c.gain) and c.name not in owned]
+
     @property
     def likeliest_single(self) -> tuple[tuple[ScoredCandidate, ...], float]:
         """The best candidate and its gain; minus infinity without one."""
-        return ((self.leading,), self.leading.gain) if self.leading is not None else ((), -math.inf)
+        return ((self._able[0],), self._able[0].gain) if self._able else ((), -math.inf)
 
     @property
     def likeliest_pair(self) -> tuple[tuple[ScoredCandidate, ...], float]:
@@ -367,7 +373,7 @@ class _Scoring:
 
         Each pays for its strength and shape as it does alone.
         """
-        able = [c for c in self.ranked if math.isfinite(c.gain)]
+        able = self._able
         best: tuple[tuple[ScoredCandidate, ...], float] = ((), -math.inf)
         along = [c.direction.T @ self.scored.e for c in able]
         for i, j in itertools.combinations(range(len(able)), 2):
@@ -397,6 +403,8 @@ def _in_place_of_random(
     """Return the candidates, or pairs, that do best what the latent processes of the noise do, the best of them first.
 
     They are sought without each of the processes, and without all of them; two at once only where one does not do.
+    What a parameter of the model stands for is decided there too: beside a process that does the same as a candidate,
+    what is left of it looks like anything.
     What a large effect leaves of the residual in the linearised problem says little of what it leaves in truth, so only
     a fit tells what is random beside it.
     """

@@ -94,9 +94,9 @@ def low_passed(rng: np.random.Generator, t: np.ndarray, corner: float) -> np.nda
     return x / x.std()
 
 
-def written(folder: Path, models: str, machine: Machine, study: str, seed: int) -> Path:
-    """Write three recordings of a machine, the models and a study; return the study's file."""
-    for k in range(3):
+def written(folder: Path, models: str, machine: Machine, study: str, seed: int, records: int = 3) -> Path:
+    """Write so many recordings of a machine, the models and a study; return the study's file."""
+    for k in range(records):
         columns = machine(np.random.default_rng([seed, k]))
         table = np.column_stack(list(columns.values()))
         np.savetxt(folder / f"run{k}.csv", table, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
@@ -105,8 +105,8 @@ def written(folder: Path, models: str, machine: Machine, study: str, seed: int) 
     return folder / "study.toml"
 
 
-def diagnosed(folder: Path, models: str, machine: Machine, study: str, seed: int) -> dict:
+def diagnosed(folder: Path, models: str, machine: Machine, study: str, seed: int, records: int = 3) -> dict:
     """Write recordings, models and a study; run the command; return diagnosis.json."""
-    file = written(folder, models, machine, study, seed)
+    file = written(folder, models, machine, study, seed, records)
     assert main(["diagnose", str(file), "--out", str(folder / "out"), "--quiet"]) == 0
     return json.loads((folder / "out" / "diagnosis.json").read_text())
