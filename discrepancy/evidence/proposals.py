@@ -373,17 +373,9 @@ class _Scoring:
 
         Each pays for its strength and shape as it does alone.
         """
-        able = self._able
         best: tuple[tuple[ScoredCandidate, ...], float] = ((), -math.inf)
-        along = [c.direction.T @ self.scored.e for c in able]
-        for i, j in itertools.combinations(range(len(able)), 2):
-            one, other = able[i], able[j]
-            beside = other.direction - one.direction @ (one.direction.T @ other.direction)
-            q, r = np.linalg.qr(beside)
-            if np.min(np.abs(np.diag(r))) ** 2 < 1.0 - POLICY.same_direction**2:
-                continue  # they change the same
-            more = q.T @ self.scored.e
-            gain = one.gain + other.gain - self.offset + 0.5 * float(more @ more - along[j] @ along[j])
+        for one, other in itertools.combinations(self._able, 2):
+            gain = one.gain + other.gain - self.offset + gain_of_both(one.direction, other.direction, self.scored.e)
             if gain > best[1]:
                 best = (one, other), gain
         return best
@@ -395,6 +387,36 @@ class _Scoring:
         free = replace(sens, prior_std=np.where(np.array(sens.names) == parameter, np.inf, sens.prior_std))
         ranked = _by_evidence(_scored(self.problem, free, self.white[k : k + 1]), self.raw[k : k + 1], self.noise)
         return ranked[0].gain + self.offset if ranked else -math.inf
+
+
+def gain_of_both(one: np.ndarray, other: np.ndarray, residual: np.ndarray) -> float:
+    """Return by how much the gains of two candidates, in log likelihood, exceed their sum where both are fitted.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (n_rows, k)
+        Orthonormal columns each.
+    residual : ndarray, shape (n_rows,)
+        With a variance of one.
+
+    Returns
+    -------
+    float
+        Minus infinity where both change the same.
+
+    Examples
+    --------
+    Two that hide each other: alone each explains little of a residual that both explain whole.
+
+    >>> a, b = np.array([[1.0], [0.0]]), np.array([[-0.8], [0.6]])
+    >>> round(gain_of_both(a, b, np.array([1.0, 3.0])), 3)
+    4.0
+    """
+    q, r = np.linalg.qr(other - one @ (one.T @ other))
+    if np.min(np.abs(np.diag(r))) ** 2 < 1.0 - POLICY.same_direction**2:
+        return -math.inf
+    beside, alone = q.T @ residual, other.T @ residual
+    return 0.5 * float(beside @ beside - alone @ alone)
 
 
 def _in_place_of_random(

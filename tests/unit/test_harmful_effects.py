@@ -1,0 +1,62 @@
+"""A search by significance takes back what makes the records held out worse, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from discrepancy.search import loop
+from discrepancy.stages.held_out_errors import SimulationGain
+
+
+@dataclass(frozen=True)
+class MadeStage:
+    """As much of a stage as the rule reads; ``error`` is the mean square error of its one output."""
+
+    name: str
+    error: float
+    free_form: bool = False
+    half_of_masking_pair: bool = False
+    notes: tuple[str, ...] = ()
+    validate: object = field(default_factory=object)
+
+    @property
+    def accepted(self) -> object:
+        effect = SimpleNamespace(definition=SimpleNamespace(free_form=self.free_form))
+        return SimpleNamespace(effect=effect) if self.name != "recalibrated" else None
+
+
+def kept(monkeypatch: pytest.MonkeyPatch, *stages: MadeStage) -> list[str]:
+    def gain(one: MadeStage, other: MadeStage) -> SimulationGain:
+        share, error = np.array([1.0 - one.error / other.error]), np.array([0.01])
+        return SimulationGain(outputs=("y",), share=share, standard_error=error, blocks=4)
+
+    monkeypatch.setattr(loop, "held_out_gain_of_errors", gain)
+    state = SimpleNamespace(stages=list(stages), progress=lambda _: None, save=lambda: None)
+    loop.Search(state)._drop_harmful()
+    return [s.name for s in state.stages]
+
+
+GIVEN, CALIBRATED = MadeStage("recalibrated", 9.0), MadeStage("recalibrated", 5.0)
+
+
+def test_the_latest_effects_go_while_they_make_a_prediction_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    good, bad, worse = MadeStage("good", 3.0), MadeStage("bad", 3.1), MadeStage("worse", 3.4)
+    assert kept(monkeypatch, GIVEN, CALIBRATED, good, bad, worse) == ["recalibrated", "recalibrated", "good"]
+
+
+def test_a_change_within_its_scatter_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert kept(monkeypatch, GIVEN, CALIBRATED, MadeStage("even", 5.08))[-1] == "even"
+
+
+def test_a_force_without_a_law_is_no_name_and_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert kept(monkeypatch, GIVEN, CALIBRATED, MadeStage("force", 8.0, free_form=True))[-1] == "force"
+
+
+def test_a_masking_pair_goes_as_a_whole_or_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = MadeStage("first", 7.0, half_of_masking_pair=True)
+    assert kept(monkeypatch, GIVEN, CALIBRATED, first, MadeStage("second", 6.0))[-1] == "recalibrated"
+    assert kept(monkeypatch, GIVEN, CALIBRATED, first, MadeStage("second", 4.0))[-1] == "second"
