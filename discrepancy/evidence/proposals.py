@@ -131,6 +131,9 @@ class Proposal:
         From which the fit of the noise begins; None: from that of the model that is extended.
     new_noise : bool
         Whether the noise is fitted from white noise as well, for processes that the effects stand in the place of.
+    promised : float
+        Log evidence over that of the model that is extended, in the linearised problem; infinity where the effect is
+        not linear in its strength.
     """
 
     move: str
@@ -138,6 +141,7 @@ class Proposal:
     starts: tuple[tuple[Effect, ...], ...] = ()
     noise: NoiseModel | None = None
     new_noise: bool = False
+    promised: float = math.inf
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -564,4 +568,5 @@ def proposed_effects(scored: ScoredCandidate, effects: Sequence[Effect]) -> Prop
         effects=(*kept, expected),
         starts=tuple(starts),
         noise=scored.noise,
+        promised=scored.gain if entry.kind.linear else math.inf,
     )

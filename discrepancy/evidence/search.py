@@ -274,6 +274,11 @@ class EvidenceSearch:
                     likelihood = source.neighbour(stage, proposal.noise, from_white=proposal.new_noise)
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
+                    if model.at_likeliest and evidence.total - parent.total > _most_believed(proposal.promised):
+                        raise RuntimeError(
+                            "least squares gives it no strength, and the rise of the evidence is far above what its "
+                            "score promises: it is another linearisation's"
+                        )
                     if math.isfinite(evidence.total):
                         model.likelihood, model.evidence = likelihood, evidence
                         likelihood.free_memory()
@@ -622,6 +627,14 @@ class EvidenceSearch:
         """Return the smallest family-wise p-value with which a candidate was scored at any step."""
         found = [r.p_value for d in self.state.decisions for s in d.scans for r in s.rows if r.name == name]
         return min(found, default=1.0)
+
+
+def _most_believed(promised: float) -> float:
+    """Return the rise of the log evidence up to which it is that of the effect, given what the effect's score promises.
+
+    Where dry friction sticks, another linearisation alone changes the evidence by hundreds of nats.
+    """
+    return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
 
 
 def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:
