@@ -63,7 +63,7 @@ def _view(folder: Path, found: Entry) -> Entry:
         for style, word in words.items()
     ]
     return {
-        "name": f"gear stage of {folder.resolve().name}",
+        "name": f"gear stage ({folder.resolve().name})",
         "sentences": [found["sentence"]],
         "sliders": [],
         "figures": [

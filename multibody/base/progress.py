@@ -178,25 +178,31 @@ class ProgressLine(AbstractContextManager["ProgressLine"]):
 
 
 class _Terminal:
-    """A line of a terminal, with a bar where the work can be counted; what does not fit is left out at its end."""
+    """A line of a terminal, with a bar where the work can be counted; text that does not fit is cut, times are not."""
 
     WIDTH = 10  # characters of the bar
+    SPINNER = 2  # characters before the line: the spinner and a space
 
     def __init__(self) -> None:
         from rich.console import Console
 
-        self._status = Console(stderr=True, highlight=False).status("")
+        self._console = Console(stderr=True, highlight=False)
+        self._status = self._console.status("")
         self._status.start()
 
     def show(self, text: str, step: Step | None, notes: str) -> None:
         """Replace the line."""
         from rich.text import Text
 
-        line = Text(no_wrap=True, overflow="ellipsis")
+        line = Text()
         if step is not None:
             full = round(self.WIDTH * step.share)
             line.append("━" * full, "green").append("━" * (self.WIDTH - full), "dim").append(f" {step.share:.0%} ")
-        self._status.update(line.append(text).append(f"  {notes}", "dim"))
+        room = self._console.width - self.SPINNER - line.cell_len
+        what, times = Text(text), Text(f"  {notes}", "dim")
+        what.truncate(max(room - times.cell_len, 1), overflow="ellipsis")
+        times.truncate(max(room - what.cell_len, 1), overflow="ellipsis")
+        self._status.update(line.append_text(what).append_text(times))
 
     def close(self) -> None:
         """Remove the line."""

@@ -35,6 +35,7 @@ def test_the_pages_example_runs_as_it_stands(tmp_path: Path) -> None:
                 ["sh", "-e", "-c", commands], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
             )
             assert done.returncode == 0, done.stderr
+            assert "warning" not in done.stdout + done.stderr
         else:
             (tmp_path / re.findall(r"`([^`\n]+\.\w+)`", text)[-1]).write_text(piece)
     diagnosis = json.loads((tmp_path / "rig/diagnosis/diagnosis.json").read_text())

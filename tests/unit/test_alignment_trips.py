@@ -217,9 +217,15 @@ def test_command_writes_page_json_rail_and_figures(tmp_path, capsys):
     interval = {"value": 10.0, "low": 8.0, "high": 12.0}
     section = {"low_m": 1.0, "high_m": 2.0, "deviation_mm": 3.0, "saving_J": interval}
     actions = {"straightened": {"saving": interval, "gain": {"value": 0.01, "low": None, "high": None}}}
-    saved = {"threshold_mm": 2.0, "sections": [section], "actions": actions}
+    profile = {"height_m": [0.5, 1.0, 2.0], "delta_mm": [1.0, 3.0, 2.0], "spread_mm": [0.1, 0.1, 0.1]}
+    saved = {"threshold_mm": 2.0, "sections": [section], "actions": actions, "profile": profile}
     (out / "what-if.json").write_text(json.dumps(saved), encoding="utf-8")
-    tables = {t["title"]: t["rows"] for t in alignment_view(out)({"threshold": 1.0})["tables"]}
+    shown = alignment_view(out)({"threshold": 1.0})
+    rail = shown["figures"][1]  # its heights are not those of the cabin
+    assert rail["labels"][0] == "height on the rail [m]"
+    assert rail["bands"] == [[1.0, 2.0]]
+    assert (rail["lines"][0]["x"], rail["lines"][0]["y"]) == (profile["height_m"], profile["delta_mm"])
+    tables = {t["title"]: t["rows"] for t in shown["tables"]}
     assert tables["What each action would save, with 95 % intervals"] == [["straightened", "10 (8 to 12)", "1"]]
     assert tables["What straightening one section alone would save"] == [["1.00 to 2.00 m", "3.00 mm", "10 (8 to 12)"]]
     (out / "what-if.json").write_text("{}", encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -407,23 +408,41 @@ def test_completion_scripts_call_vtsdt(run: Run, shell: str) -> None:
     assert "_ARGCOMPLETE" in out
 
 
-def test_progress_on_a_terminal_is_taken_away_again() -> None:
+def _on_a_terminal(body: str, width: int = 80) -> str:
+    """Return what a terminal is sent while a `ProgressLine` called ``p`` is used."""
     import pty
 
-    code = (
-        "from multibody.base.progress import ProgressLine\nwith ProgressLine() as p:\n    p('working')\nprint('done')\n"
-    )
     main, other = pty.openpty()
+    lines = "\n".join(f"    {line}" for line in body.splitlines())
     subprocess.run(
-        [sys.executable, "-c", code],
+        [
+            sys.executable,
+            "-c",
+            f"from multibody.base.progress import *\nwith ProgressLine() as p:\n{lines}\nprint('done')\n",
+        ],
         stdout=other,
         stderr=other,
         check=True,
-        env={**os.environ, "TERM": "xterm"},
+        env={**os.environ, "TERM": "xterm", "COLUMNS": str(width)},
     )
     os.close(other)
     shown = os.read(main, 10_000).decode()
     os.close(main)
+    return shown
+
+
+def test_progress_on_a_terminal_is_taken_away_again() -> None:
+    shown = _on_a_terminal("p('working')")
     assert "working" in shown
     assert shown.rindex("\x1b[2K") > shown.rindex("working")
     assert shown.rstrip().endswith("done")
+
+
+@pytest.mark.parametrize("text", ["p('long ' * 40)", "p(Step('long ' * 40, 1, 4))"])
+def test_progress_on_a_terminal_is_one_line_with_its_time(text: str) -> None:
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", _on_a_terminal(text))
+    lines = [part.strip() for part in re.split(r"[\r\n]+", shown) if "so far" in part or "long" in part]
+    assert lines
+    for line in lines:
+        assert re.search(r"long …  \d+ s so far$", line), line
+        assert len(line) <= 80

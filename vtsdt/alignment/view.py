@@ -16,6 +16,7 @@ __all__ = ["alignment_view"]
 Entry = dict[str, Any]
 #: Share of an interval below which one of its numbers is the difference of two equal ones.
 ROUNDING = 1e-9
+PROFILE = ("height_m", "delta_mm", "spread_mm")  # of what-if.json
 
 
 def alignment_view(folder: str | Path) -> Callable[[Mapping[str, float]], Entry]:
@@ -37,7 +38,7 @@ def alignment_view(folder: str | Path) -> Callable[[Mapping[str, float]], Entry]
         raise ValueError(f"{folder}: there is no alignment.json in this folder: run vtsdt align --out {folder} first")
     columns = _read(file, ("height_m", "estimate_mm", "std_mm", "threshold_mm", "trips"))
     savings = next((f for f in (folder / "what-if.json", folder / "what-if" / "what-if.json") if f.is_file()), None)
-    saved = _read(savings, ("threshold_mm", "sections", "actions")) if savings else None
+    saved = _read(savings, ("threshold_mm", "sections", "actions", "profile")) if savings else None
     return lambda at: _view(folder, columns, saved, float(at.get("threshold", columns["threshold_mm"])))
 
 
@@ -72,10 +73,10 @@ def _view(folder: Path, found: Entry, saved: Entry | None, threshold: float) -> 
         inside = (height >= a) & (height <= b)
         k = int(np.flatnonzero(inside)[np.nanargmax(estimate[inside])])
         rows.append([f"{a:.2f} to {b:.2f} m", f"{estimate[k]:.2f} ± {std[k]:.2f} mm", f"{height[k]:.2f} m"])
-    heads = [["section", False], ["largest deviation", True], ["at", True]]
+    heads = [["height of the cabin", False], ["largest deviation", True], ["at", True]]
     tables = [{"title": f"Above {threshold:.2f} mm", "heads": heads, "rows": rows}] if rows else []
     return {
-        "name": f"alignment of {folder.resolve().name}",
+        "name": f"guide rail ({folder.resolve().name})",
         "sentences": [
             f"{count} above {threshold:.2f} mm: {100 * above:.0f} % of the height that was passed.",
             *found.get("notes", []),
@@ -97,7 +98,8 @@ def _view(folder: Path, found: Entry, saved: Entry | None, threshold: float) -> 
                 "labels": ["height of the cabin [m]", "deviation [mm]"],
                 "lines": lines,
                 "bands": [list(ab) for ab in bad],
-            }
+            },
+            *_rail_figures(saved),
         ],
         "tables": [*tables, *_savings_tables(saved)],
     }
@@ -105,6 +107,28 @@ def _view(folder: Path, found: Entry, saved: Entry | None, threshold: float) -> 
 
 def _line(name: str, style: str, x: np.ndarray, y: np.ndarray) -> Entry:
     return {"name": name, "style": style, "x": x.tolist(), "y": [float(v) if np.isfinite(v) else None for v in y]}
+
+
+def _rail_figures(saved: Entry | None) -> list[Entry]:
+    """Draw the rail that the savings were computed with: its heights are those of the rail, not of the cabin."""
+    if saved is None:
+        return []
+    height, delta, spread = (np.array(saved["profile"][k], dtype=float) for k in PROFILE)
+    level = saved["threshold_mm"]
+    lines = [
+        _line("deviation", "after", height, delta),
+        _line("± 2 standard deviations", "before", height, delta - 2.0 * spread),
+        _line("± 2 standard deviations", "before", height, delta + 2.0 * spread),
+        _line("threshold of the savings", "limit", height[[0, -1]], np.array([level, level])),
+    ]
+    return [
+        {
+            "title": "The rail as the savings below were computed, with the sections that would be straightened",
+            "labels": ["height on the rail [m]", "deviation [mm]"],
+            "lines": lines,
+            "bands": [[s["low_m"], s["high_m"]] for s in saved["sections"]],
+        }
+    ]
 
 
 def _savings_sentences(folder: Path, saved: Entry | None, threshold: float) -> list[str]:
@@ -128,7 +152,7 @@ def _savings_tables(saved: Entry | None) -> list[Entry]:
     heads = [["action", False], ["saved on a trip, J", True], ["gain of efficiency, points", True]]
     tables = [{"title": "What each action would save, with 95 % intervals", "heads": heads, "rows": actions}]
     if places:
-        heads = [["section", False], ["largest deviation", True], ["saved on a trip, J", True]]
+        heads = [["section of the rail", False], ["largest deviation", True], ["saved on a trip, J", True]]
         tables.append({"title": "What straightening one section alone would save", "heads": heads, "rows": places})
     return tables
 
