@@ -11,6 +11,7 @@ import datetime
 import json
 import math
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -68,6 +69,8 @@ class Cost:
         Processor time after which the run was ended.
     commit : str
         Of the program.
+    reached : str
+        The last line of progress of a run that did not end by itself.
     """
 
     processor: float
@@ -77,6 +80,7 @@ class Cost:
     candidates: int
     limit: float | None = None
     commit: str = "unknown"
+    reached: str = ""
 
     @property
     def ended(self) -> bool:
@@ -86,7 +90,10 @@ class Cost:
     @property
     def end(self) -> str:
         """How the run ended, in words."""
-        return str(self.code) if self.ended else f"not ended in {self.limit / 60.0:g} min"  # type: ignore[operator]
+        if self.ended:
+            return str(self.code)
+        words = f"not ended in {self.limit / 60.0:g} min"  # type: ignore[operator]
+        return f"{words}; it came to: {self.reached}" if self.reached else words
 
 
 def measured(case: Case, options: Sequence[str] = (), limit: float | None = None) -> Cost:
@@ -96,15 +103,23 @@ def measured(case: Case, options: Sequence[str] = (), limit: float | None = None
     """
     with tempfile.TemporaryDirectory() as temporary:
         study = write(case, Path(temporary))
-        words = ["diagnose", str(study), "--out", str(Path(temporary) / "out"), "--quiet", "--max-effects", "1"]
+        words = ["diagnose", str(study), "--out", str(Path(temporary) / "out"), "--max-effects", "1"]
         words += options
         path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         program, environment = [sys.executable, "-m", "vtsdt"], {**os.environ, "PYTHONPATH": path}
         names = [*program, "catalogue", str(study), "--names"]
         listed = subprocess.run(names, env=environment, capture_output=True, text=True, check=True)
+        said = Path(temporary) / "said.txt"
         begun = time.monotonic()
-        run = subprocess.Popen([*program, *words], env=environment, preexec_fn=lambda: _limited(limit))
-        _, status, used = os.wait4(run.pid, 0)
+        with said.open("w", encoding="utf-8") as stream:
+            run = subprocess.Popen(
+                [*program, *words],
+                env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=stream,
+                preexec_fn=lambda: _limited(limit),
+            )
+            _, status, used = os.wait4(run.pid, 0)
         run.returncode = os.waitstatus_to_exitcode(status)
         return Cost(
             processor=used.ru_utime + used.ru_stime,
@@ -114,7 +129,20 @@ def measured(case: Case, options: Sequence[str] = (), limit: float | None = None
             candidates=len(listed.stdout.splitlines()),
             limit=limit,
             commit=_commit(),
+            reached=_reached(said.read_text(encoding="utf-8")) if run.returncode else "",
         )
+
+
+def _reached(said: str) -> str:
+    """Return the last line that a run printed, without the time in front and the estimate behind it.
+
+    Examples
+    --------
+    >>> _reached("  12.5 s  fit record 3 of 10 (about 20 s left)\\n")
+    'fit record 3 of 10'
+    """
+    last = ([""] + [line for line in said.splitlines() if line.strip()])[-1]
+    return re.sub(r"^ *[0-9.]+ s  | \(about [^()]* left\)$", "", last).replace("|", "\\|")
 
 
 def _commit() -> str:

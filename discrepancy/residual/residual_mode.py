@@ -5,6 +5,7 @@ See docs/method/residuals.md.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ from discrepancy.residual.prepared_problem import PreparedProblem
 from discrepancy.residual.windows import (
     DIVERGENCE_FACTOR,
     LEAST_SAMPLES,
+    MOST_UNKNOWNS,
     NOISE_FACTOR,
     WINDOW_FACTOR,
     ErrorGrowth,
@@ -233,11 +235,26 @@ class _RecordStates:
         """Return the problem with every record cut into windows, and the number of those for identification."""
         system, p = self.estimates[0].system, self.estimates[0].p
         held_out = [estimate_states(crop(e), system, p) for e in self.problem.validate]
-        identify, validate = self._cut(self.estimates, length), self._cut(held_out, length)
-        return replace(self.problem, identify=identify, validate=validate), len(identify)
+        identify, every = self._cut(self.estimates, length)
+        validate, every_held_out = self._cut(held_out, length)
+        warnings = self.problem.warnings
+        if max(every, every_held_out) > 1:
+            warnings = (
+                *warnings,
+                f"so many windows are needed that only some stand for the records, evenly spread: one of {every} in "
+                f"those to fit, one of {every_held_out} in those held out",
+            )
+        return replace(self.problem, identify=identify, validate=validate, warnings=warnings), len(identify)
 
-    def _cut(self, estimates: Sequence[StateEstimate], length: float) -> tuple[Experiment, ...]:
-        return tuple(w for states in estimates for w in cut_windows(states, length, self.spread, self.scale))
+    def _cut(self, estimates: Sequence[StateEstimate], length: float) -> tuple[tuple[Experiment, ...], int]:
+        """Return windows of some records with at most about `MOST_UNKNOWNS` states, and that one of how many is kept.
+
+        Which are kept depends on lengths alone, never on how well they are followed, as in sections of long records.
+        """
+        count = sum(s.experiment.record.duration for s in estimates) / max(length, self.least_length())
+        free = sum(not n.startswith("energy.") for n in self.estimates[0].system.state_names)
+        every = max(1, math.ceil(count * free / MOST_UNKNOWNS))
+        return tuple(w for s in estimates for w in cut_windows(s, length, self.spread, self.scale, every)), every
 
 
 def _inverse_for_short_windows(problem: Problem, length: float) -> PreparedProblem | None:

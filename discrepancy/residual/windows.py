@@ -6,7 +6,6 @@ input changes the outputs as time goes on.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -23,6 +22,7 @@ from multibody.base.errors import SimulationError
 __all__ = [
     "DIVERGENCE_FACTOR",
     "LEAST_SAMPLES",
+    "MOST_UNKNOWNS",
     "NOISE_FACTOR",
     "WINDOW_FACTOR",
     "ErrorGrowth",
@@ -47,6 +47,9 @@ NOISE_FACTOR = 10.0
 """A simulation of the whole record is useless when the noise of an input alone reaches ten times an output's noise."""
 WINDOW_NOISE = 3.0
 LEAST_SAMPLES = 20
+MOST_UNKNOWNS = 2000
+"""Initial states of all windows together, about: a fit solves for all of them at once, which takes the cube of their
+number.  With the shortest windows, 20 000 rows of a machine of two states have as many, and 4000 of one of ten."""
 _STARTS = 6
 _RECORDS = 3
 _LONGEST = 3.0
@@ -236,7 +239,9 @@ def samples_needed(preparation: Preparation, rate: float) -> int:
     return LEAST_SAMPLES * preparation.decimate + 2 * preparation.edge_samples(rate)
 
 
-def cut_windows(states: StateEstimate, length: float, spread: np.ndarray, scale: np.ndarray) -> list[Experiment]:
+def cut_windows(
+    states: StateEstimate, length: float, spread: np.ndarray, scale: np.ndarray, every: int = 1
+) -> list[Experiment]:
     """Return the experiment of a record as experiments on windows, each with an initial state of its own.
 
     Each window ends where errors of its initial state have grown too far, so windows are short where errors grow fast
@@ -250,23 +255,28 @@ def cut_windows(states: StateEstimate, length: float, spread: np.ndarray, scale:
         Usual length.
     spread, scale : ndarray
         As in `error_growth`.
+    every : int
+        Keep one window, and leave out the time of ``every - 1`` as long ones behind it.
     """
     experiment = states.experiment
     record = experiment.record
     n, rate = len(record.time), record.rate
     least = samples_needed(experiment.preparation, rate)
     most = max(least, int(_LONGEST * length * rate))
-    bounds = [0]
-    while n - 1 - bounds[-1] > least:
-        last = min(bounds[-1] + most, n - 1)
-        growth = error_growth(states, spread, scale, bounds[-1], last + 1)
+    parts: list[slice] = []
+    first = 0
+    while n - 1 - first > least:
+        last = min(first + most, n - 1)
+        growth = error_growth(states, spread, scale, first, last + 1)
         reach = min(growth.until(WINDOW_FACTOR, WINDOW_NOISE), float(growth.time[-1]))
-        bounds.append(int(np.clip(bounds[-1] + reach * rate, bounds[-1] + least, last)))
-    if len(bounds) > 1 and n - 1 - bounds[-1] < least:
-        bounds.pop()  # the remainder is too short for a window
-    bounds.append(n - 1)
+        end = int(np.clip(first + reach * rate, first + least, last))
+        parts.append(slice(first, end + 1))
+        first = end + (every - 1) * (end - first)
+    if not parts or n - 1 - first == least:
+        parts.append(slice(first, n))
+    elif every == 1:
+        parts[-1] = slice(parts[-1].start, n)  # the remainder is too short for a window
     noise = dict(zip(experiment.inputs, states.input_noise, strict=True))
-    parts = [slice(a, b + 1) for a, b in itertools.pairwise(bounds)]
     return [replace(window(states, part, named=len(parts) > 1), input_noise=noise) for part in parts]
 
 

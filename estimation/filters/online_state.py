@@ -113,4 +113,9 @@ class OnlineState:
             raise FilterError(
                 str(path), [f"was saved by version {version}, this is version {VERSION}: start the filter anew"]
             )
+        values = {"time": scalars["time"], **{name: arrays[name] for name in ("state", "covariance", "inputs")}}
+        if broken := [name for name, value in values.items() if not np.all(np.isfinite(value))]:
+            raise FilterError(
+                str(path), [f"has values that are not finite ({', '.join(broken)}): start the filter anew"]
+            )
         return cls(fingerprint=fingerprint, names=names, **arrays, **scalars)

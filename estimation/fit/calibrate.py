@@ -177,16 +177,14 @@ def _result(
     trial: bool,
 ) -> Calibration:
     k = problem.k
-    fits, errors, first = [], [], 0
+    fits, errors = [], []
+    slopes: list[tuple[np.ndarray, np.ndarray]] = []  # of each record, and by which of ``moving``
     lengths = [e.measured.size for e in problem.experiments]
-    jacobian = np.zeros((0 if trial else sum(lengths), moving.size))
     for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, not trial), strict=True)):
         own = dict(zip(e.own_unknowns, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
         fits.append(Fit(e, Response(response.outputs, np.empty((*response.outputs.shape, 0))), own))
         if not trial:
-            part, columns = problem.weighted(response, i, moving)
-            jacobian[first : first + len(part), columns] = part
-            first += len(part)
+            slopes.append(problem.weighted(response, i, moving))
         errors.append(((e.measured - response.outputs) / problem.scale).ravel())
     std = np.full(k, np.nan if trial else np.inf)
     degrees = 1
@@ -206,13 +204,24 @@ def _result(
         prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in loose])
         error = np.concatenate(errors)
         if loose.size < moving.size:
-            jacobian = jacobian[:, np.searchsorted(moving, loose)]
-        parts = [slice(int(b[0]), int(b[-1]) + 1) for b in blocks]  # of rows that follow one another
-        interval = block_sandwich([jacobian[b] for b in parts], [error[b] for b in parts], np.diag(prior))
+            slopes = [
+                (part[:, kept], np.searchsorted(loose, moving[columns[kept]]))
+                for part, columns in slopes
+                for kept in [np.isin(moving[columns], loose)]
+            ]
+        rows = [(int(b[0]), int(b[-1]) + 1) for b in blocks]  # that follow one another, none across two records
+        begins = np.concatenate([[0], np.cumsum(lengths)])
+        of = np.searchsorted(begins, [a for a, _ in rows], side="right") - 1
+        interval = block_sandwich(
+            [slopes[i][0][a - begins[i] : b - begins[i]] for i, (a, b) in zip(of, rows, strict=True)],
+            [error[a:b] for a, b in rows],
+            np.diag(prior),
+            columns=[slopes[i][1] for i in of],
+        )
         degrees = int(interval.dof)
         globals_ = loose[loose < k]
         std[globals_] = interval.std[: globals_.size]
-        confounded = _confounded(problem, jacobian, prior, globals_)
+        confounded = _confounded(problem, slopes, prior, globals_)
     scale = dict(zip(problem.experiments[0].outputs, map(float, problem.scale), strict=True))
     return Calibration(
         parameters=tuple(problem.parameters),
@@ -234,17 +243,29 @@ def _touches(value: float, bound: float, size: float) -> bool:
 
 
 def _confounded(
-    problem: FitProblem, jacobian: np.ndarray, prior: np.ndarray, columns: np.ndarray, limit: float = 1e-4
+    problem: FitProblem,
+    slopes: Sequence[tuple[np.ndarray, np.ndarray]],
+    prior: np.ndarray,
+    columns: np.ndarray,
+    limit: float = 1e-4,
 ) -> tuple[tuple[str, ...], ...]:
     """Return groups of parameters whose effects nearly cancel: small singular values of the scaled sensitivities."""
     n = columns.size
-    normal = jacobian.T @ jacobian
-    own, rest = normal[:n, :n], normal[n:, n:]
-    if rest.size:  # project out each record's own unknowns
-        size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
-        own = own - (normal[:n, n:] / size) @ np.linalg.pinv(rest / np.outer(size, size), hermitian=True) @ (
-            normal[n:, :n] / size[:, None]
+    own = np.zeros((n, n))
+    for part, of in slopes:
+        mine = of[of < n]
+        normal = part.T @ part
+        common, both, rest = (
+            normal[: mine.size, : mine.size],
+            normal[: mine.size, mine.size :],
+            normal[mine.size :, mine.size :],
         )
+        if rest.size:  # project out each record's own unknowns
+            size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+            common = common - (both / size) @ np.linalg.pinv(rest / np.outer(size, size), hermitian=True) @ (
+                both.T / size[:, None]
+            )
+        own[np.ix_(mine, mine)] += common
     own = own + np.diag(prior[:n])
     size = np.sqrt(np.maximum(np.diag(own), 0.0))
     ok = size > 0

@@ -56,12 +56,13 @@ def block_sandwich(
     residuals: Sequence[Array],
     prior_information: Array | None = None,
     level: float = 0.95,
+    columns: Sequence[Array] | None = None,
 ) -> ParameterInterval:
     """Covariance of a least-squares estimate from the scores of whole blocks.
 
     Parameters
     ----------
-    jacobians : sequence of ndarray, shape (n_b, p)
+    jacobians : sequence of ndarray, shape (n_b, c)
         Derivative of each block's (weighted) residual with respect to the parameters, at the solution.
     residuals : sequence of ndarray, shape (n_b,)
         (Weighted) residuals at the solution.
@@ -69,6 +70,9 @@ def block_sandwich(
         Inverse prior covariance in the same weighting; its variance counts as known.
     level : float
         Confidence level.
+    columns : sequence of ndarray of int, shape (c,), optional
+        Which of the p parameters each block depends on; default: all.  With the initial states of hundreds of windows
+        among them, the work of a block is that of the few it depends on.
 
     Raises
     ------
@@ -86,11 +90,13 @@ def block_sandwich(
     n = len(jacobians)
     if n < 2:
         raise ValueError("the block sandwich needs at least two blocks; cut the record with split_blocks")
-    p = jacobians[0].shape[1]
+    if columns is None:
+        columns = [np.arange(J.shape[1]) for J in jacobians]
+    p = 1 + max(int(np.max(of, initial=-1)) for of in columns)
     H_data = np.zeros((p, p))
     H_b = [J.T @ J for J in jacobians]
-    for h in H_b:
-        H_data += h
+    for h, of in zip(H_b, columns, strict=True):
+        H_data[np.ix_(of, of)] += h
     P = np.zeros((p, p)) if prior_information is None else prior_information
     H = H_data + P
     # Work in a scale in which the normal matrix has a unit diagonal: units differ by many orders.
@@ -98,12 +104,12 @@ def block_sandwich(
     Hs = H / np.outer(d, d)
     Hi = np.linalg.pinv(Hs, rcond=1e-12)
     meat = np.zeros((p, p))
-    for J, r, h in zip(jacobians, residuals, H_b, strict=True):
-        s = (J.T @ r) / d
-        leave = np.eye(p) - (h / np.outer(d, d)) @ Hi
+    for J, r, h, of in zip(jacobians, residuals, H_b, columns, strict=True):
+        s = (J.T @ r) / d[of]
+        leave = np.eye(of.size) - (h / np.outer(d[of], d[of])) @ Hi[np.ix_(of, of)]
         u, sv, vt = np.linalg.svd(leave)
         s = vt.T @ ((u.T @ s) / np.maximum(sv, 0.05))
-        meat += np.outer(s, s)
+        meat[np.ix_(of, of)] += np.outer(s, s)
     meat *= (n - 1) / n
     cov = Hi @ (meat + P / np.outer(d, d)) @ Hi / np.outer(d, d)
     dof = float(n - 1)

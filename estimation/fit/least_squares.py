@@ -218,6 +218,8 @@ def _updated_curvature(
 
 def _with_curvature(normal: np.ndarray, curvature: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Return the normal matrix with the residuals' curvature, where the sum is clearly positive definite."""
+    if not curvature.any():
+        return normal
     index = np.flatnonzero(free)
     size = np.sqrt(np.diag(normal)[index])
     bent = (normal + curvature)[np.ix_(index, index)] / np.outer(size, size)

@@ -234,7 +234,7 @@ class Runs:
         text = store.read_text(encoding="utf-8")
         for line in text.splitlines():
             try:
-                content = json.loads(line)
+                content = json.loads(line, parse_constant=_refuse)
                 signals = self._load_signals(content["key"]) if content["signals"] else None
                 yield content["key"], Run.from_dict(content, signals)
             except (ValueError, KeyError, TypeError, OSError):
@@ -253,3 +253,8 @@ class Runs:
                 sensor, rate, unit = name.split("|")
                 signals[sensor] = Signal(arrays[name], float(rate), name=sensor, unit=unit)
         return signals
+
+
+def _refuse(constant: str) -> float:
+    """Raise for a number that no run can be used with."""
+    raise ValueError(f"{constant} is no finite number")

@@ -125,6 +125,21 @@ def test_interrupted_design_is_resumed_without_loss(tmp_path):
     assert len(last) == 20
 
 
+def test_a_stored_run_with_numbers_that_are_not_finite_is_done_again(tmp_path):
+    condition = OperatingCondition(1000.0, 150.0)
+    store = tmp_path / "runs.jsonl"
+    with Runs(stand_in, Settings(driving_teeth=TEETH), store=store) as first:
+        (made,) = first.many([(START, condition)])
+    amplitude = json.dumps(float(made.amplitudes["seat"][0].real))
+    text = store.read_text(encoding="utf-8")
+    assert amplitude in text
+    store.write_text(text.replace(amplitude, "NaN", 1), encoding="utf-8")
+    with Runs(stand_in, Settings(driving_teeth=TEETH), store=store) as second:
+        (again,) = second.many([(START, condition)])
+    assert (second.lost, second.done) == (1, 1)
+    assert again.amplitudes["seat"] == pytest.approx(made.amplitudes["seat"], rel=1e-15)
+
+
 def test_processes_give_the_same_runs(tmp_path):
     condition = OperatingCondition(1000.0, 150.0)
     wanted = [({**START, "K": k}, condition) for k in np.linspace(5e5, 9e5, 6)]

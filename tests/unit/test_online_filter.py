@@ -193,6 +193,9 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(model, method, tmp_pat
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(FilterError, match="no saved state"):
         OnlineState.load(path)
+    replace(state, state=np.full_like(state.state, np.nan)).save(path)
+    with pytest.raises(FilterError, match=r"not finite \(state\): start the filter anew"):
+        OnlineState.load(path)
 
 
 @pytest.mark.parametrize("method", ["extended", "unscented"])

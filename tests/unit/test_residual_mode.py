@@ -210,6 +210,20 @@ def test_within_a_window_errors_grow_less_than_the_factor():
         assert np.max(growth.start) <= WINDOW_FACTOR
 
 
+def test_windows_are_never_more_than_a_fit_can_solve_for(monkeypatch: pytest.MonkeyPatch):
+    problem, _ = standing_pendulum("prediction")
+    all_windows = prepared_problem(problem).problem
+    assert len(all_windows.identify) >= 4
+    assert all_windows.warnings == problem.warnings
+    monkeypatch.setattr("discrepancy.residual.residual_mode.MOST_UNKNOWNS", len(all_windows.identify))  # of 2 states
+    some = prepared_problem(problem).problem
+    assert len(some.identify) < len(all_windows.identify)
+    ends = [(w.record.time[0], w.record.time[-1]) for w in some.identify]
+    assert all(b[0] > a[1] for a, b in pairwise(ends))
+    assert ends[-1][1] > 0.5 * all_windows.identify[-1].record.time[-1]  # they are spread over the record
+    assert "only some stand for the records" in some.warnings[-1]
+
+
 def test_a_window_of_the_preparation_is_kept():
     problem, _ = slide_problem(noise=0.1)
     narrow = [e.with_preparation(Preparation(start=1.0, stop=5.0)) for e in problem.identify]
