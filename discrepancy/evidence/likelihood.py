@@ -20,7 +20,6 @@ from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = [
     "REGAINED",
-    "Acting",
     "StageLikelihood",
     "log_price",
     "noise_floor",
