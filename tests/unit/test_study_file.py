@@ -334,7 +334,7 @@ def test_builder_is_called_with_its_arguments(folder):
         ("travel = 0.25", "stroke = 0.25", "needs the argument 'travel'"),
         ("py:build", "py:buidl", "'axis.py' has no 'buidl'; nearest: 'build'"),
         ("py:build", "py:NOT_A_FUNCTION", "is int and not callable"),
-        ("py:build", "py:fails", "axis.py, line 10, in fails: ZeroDivisionError: float division by zero"),
+        ("py:build", "py:fails", "axis.py, line 10, in fails: ZeroDivisionError: "),
         ("py:build", "py:forgets", "got None: does it end with 'return model'"),
         ("axis.py:build", "no_such_package.rig:build", "there is no module 'no_such_package.rig'"),
     ],

@@ -95,12 +95,12 @@ def test_a_module_of_the_same_name_that_is_imported_already_is_not_taken_for_the
 
 
 def test_an_installed_package_offers_its_models(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("discrepancy.problem.model.offered_modules", lambda: ("fractions",))
+    monkeypatch.setattr("discrepancy.problem.model.offered_modules", lambda: ("fractions", "statistics"))
     (folder / "study.toml").write_text(
         STUDY.replace("BUILD", "fractions:Fraction").replace("ARGUMENTS", "arguments = { numerator = 3 }")
     )
     assert load_model(read_study(folder / "study.toml")) == 3
-    assert "comes from 'decimal': it is no builder" in refused(folder, "fractions:Decimal")
+    assert "comes from 'fractions': it is no builder" in refused(folder, "statistics:Fraction")
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise SystemExit('no')"])
