@@ -389,7 +389,13 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
         if shows[j] > 0.0:
             still = j >= len(sources)
             slow = Process(
-                where=where, source=j, channel=-1, memory=1.0, std=float(1.0 / shows[j]), at_standstill=still
+                where=where,
+                source=j,
+                channel=-1,
+                memory=1.0,
+                std=float(1.0 / shows[j]),
+                at_standstill=still,
+                in_rate=where in states,
             )
             candidates += _with_spectra(slow, own, () if still else frequencies)
     for c, name in enumerate(linearised.residual().channels):

@@ -441,11 +441,12 @@ def _in_place_of_random(
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
         progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
-        for explanation, gain in (without.likeliest_single, without.likeliest_pair):
-            share = 1.0 - gain / min(without.offset, -1.0)
-            if share > REGAINED:
-                shares.append((share, explanation))
-                break
+        lost = min(without.offset, -1.0)
+        explanation, gain = without.likeliest_single
+        if 1.0 - gain / lost <= REGAINED:
+            explanation, gain = without.likeliest_pair
+        if 1.0 - gain / lost > REGAINED:
+            shares.append((1.0 - gain / lost, explanation))
     leaders: list[tuple[ScoredCandidate, ...]] = []
     for _, explanation in sorted(shares, key=lambda t: -t[0]):
         if not any(_do_the_same(explanation, other) for other in leaders):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from discrepancy.evidence.likelihood import StageLikelihood, what_may_act
+from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.innovations.noise_model import Process
 from multibody.base.quantity_text import quantity_text
 
@@ -79,7 +79,7 @@ def _where_and_how_large(process: Process, unit: str, random: str = "random ") -
     if process.channel >= 0:
         return f"a slow error of {size} in {process.where}"
     what = {"N": "force", "N*m": "torque"}.get(unit, "change")
-    at = "in the rate of" if unit.endswith("/s") and unit.startswith("(") else "at"
+    at = "in the rate of" if process.in_rate else "at"
     text = f"a {random}{what} of {size} {at} {process.where}"
     return f"{text} while it stands still" if process.at_standstill else text
 
@@ -98,13 +98,12 @@ def random_forces_of(likelihood: StageLikelihood) -> RandomForces:
     """Return the random forces of a fitted model, those of no size left out."""
     stage, model = likelihood.stage, likelihood.noise.model
     places = {p.name: ("N*m" if p.domain == "rotation" else "N") for p in stage.system.places}
-    states = what_may_act(likelihood.linearised).states
 
     def unit_of(process: Process) -> str:
         if process.channel < 0 and process.where in places:
             return places[process.where]
         unit = stage.system.unit(process.where)
-        return f"({unit})/s" if process.channel < 0 and process.where in states else unit
+        return f"({unit})/s" if process.in_rate else unit
 
     kept = tuple((q, unit_of(q)) for q in model.processes if q.std > 1e-6 * max(p.std for p in model.processes))
     noise = dict(zip(stage.outputs, model.noise, strict=True))

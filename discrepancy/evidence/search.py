@@ -277,7 +277,7 @@ class EvidenceSearch:
                     if model.at_likeliest and evidence.total - parent.total > _most_believed(proposal.promised):
                         raise RuntimeError(
                             "least squares gives it no strength, and the rise of the evidence is far above what its "
-                            "score promises: it is another linearisation's"
+                            "score promises: it comes from another linearisation"
                         )
                     if math.isfinite(evidence.total):
                         model.likelihood, model.evidence = likelihood, evidence

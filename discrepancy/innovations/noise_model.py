@@ -26,7 +26,8 @@ class Process:
     Parameters
     ----------
     where : str
-        The connection that it acts on as a force, or the output that it is added to.
+        The connection that it acts on as a force, the recorded input or output that it is added to, or the state whose
+        rate it is added to.
     source, channel : int
         Column of the record's latent forces, or -1; index of the output, or -1.
     memory : float, s
@@ -36,6 +37,8 @@ class Process:
     at_standstill : bool
         Whether it acts only while the connection stands still: what dry friction holds it with then is not determined
         by its motion.
+    in_rate : bool
+        Whether it is added to the rate of a state.
     frequency : float, Hz
         In the middle of its band; zero: it does not swing.
     """
@@ -46,6 +49,7 @@ class Process:
     memory: float
     std: float
     at_standstill: bool = False
+    in_rate: bool = False
     frequency: float = 0.0
 
     @property

@@ -15,42 +15,21 @@ from scipy.integrate import solve_ivp
 from discrepancy.evidence.likelihood import StageLikelihood, what_may_act
 from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.study.study import Study
-
-Table = dict[str, np.ndarray]
+from discrepancy.validation.machines.heated_tank import MACHINE
 
 HEATER, WATER, PASSED, LOST = 2500.0, 60_000.0, 45.0, 12.0  # J/K, J/K, W/K, W/K
 
-MODEL = """
-from multibody import Component, Input, Model, Parameter, State
-
-
-class Tank(Component):
-    C_h = Parameter(2500.0, "J/K", "heat capacity of the heater", min=1e-9)
-    C_w = Parameter(60000.0, "J/K", "heat capacity of the water", min=1e-9)
-    G = Parameter(45.0, "W/K", "conductance from heater to water", min=0.0)
-    H = Parameter(12.0, "W/K", "conductance from water to the surroundings", min=0.0)
-    power = Input("W", "electrical power")
-    heater = State("K", "temperature of the heater", 20.0)
-    water = State("K", "temperature of the water", 20.0)
-    given = State("K*s", "what the water was exposed to", 0.0)
-
-    def equations(self):
-        passed = self.G * (self.heater - self.water)
-        self.der.heater = (self.power - passed) / self.C_h
-        self.der.water = (passed - self.H * self.water) / self.C_w
-        self.der.given = self.water
-
-
-def tank():
-    m = Model("tank")
-    tank = m.add("tank", Tank())
-    m.input("heater.power", tank.power)
-    return m
-"""
+MODEL = MACHINE.model
+#: The same with a state that is the integral of another.
+WITH_INTEGRAL = MODEL.replace(
+    "    def equations(self):",
+    '    given = State("K*s", "what the water was exposed to", 0.0)\n\n    def equations(self):\n'
+    "        self.der.given = self.water",
+)
 
 STUDY = """
 [model]
-build = "models.py:tank"
+build = "models.py:build"
 
 [uncertain]
 "tank.G" = { value = 45.0, std = 3.0, min = 0.0 }
@@ -91,13 +70,13 @@ def tank(
 FREE = '\n[initial]\nfree = ["tank.heater", "tank.water"]\n'
 
 
-def likelihood(tmp_path, **hidden: float) -> StageLikelihood:
-    file = written(tmp_path, MODEL, partial(tank, **hidden), STUDY + RECORDS + FREE, seed=41)
+def likelihood(tmp_path, model: str = MODEL, **hidden: float) -> StageLikelihood:
+    file = written(tmp_path, model, partial(tank, **hidden), STUDY + RECORDS + FREE, seed=41)
     return StageLikelihood(stage=Study.from_file(file).stage)
 
 
 def test_heat_that_nobody_recorded_reaches_the_water_and_no_sensor(tmp_path) -> None:
-    of = likelihood(tmp_path)
+    of = likelihood(tmp_path, WITH_INTEGRAL)
     # what the water was exposed to is an integral of its temperature, and nothing else can change it
     assert what_may_act(of.linearised) == ([], ["heater.power"], ["tank.heater", "tank.water"])
     largest = max(of.noise.model.processes, key=lambda q: q.std * WATER)
