@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.assembly.dynamics import accelerations
+from multibody.assembly.dynamics import accelerations, total
 from multibody.assembly.equation_set import Assembly, Quantity, Unknown
 from multibody.assembly.kinematics import Kinematics
 from multibody.assembly.node_motion import resolve_nodes
@@ -224,12 +224,12 @@ def _signal_probes(model: ModelGraph, work: Assembly) -> dict[str, str]:
     for k, (source, targets) in enumerate(driving_signals(model).items()):
         owner, component, item = model.find(source)  # type: ignore[misc]
         declared: Any = component.declarations[item]
-        probe, total = f"probe__signal__{k}", f"signal__{k}"
+        probe, with_probe = f"probe__signal__{k}", f"signal__{k}"
         work.inputs.append(
             Quantity(name=f"probe.{source}", unit=declared.unit, meaning=f"added to {source}", variable=probe)
         )
-        work.add(f"{total} = {variable(owner, item)} + {probe}", source)
-        taken |= dict.fromkeys(targets, total)
+        work.add(f"{with_probe} = {variable(owner, item)} + {probe}", source)
+        taken |= dict.fromkeys(targets, with_probe)
     return taken
 
 
@@ -256,7 +256,7 @@ def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
         ("supplied_power", "W", supplied),
     ):
         var = f"energy__{name}"
-        work.add(f"{var} = {' + '.join(terms) or '0.0'}", "energy balance")
+        work.add(f"{var} = {total(terms)}", "energy balance")
         work.output(f"energy.{name}", unit, f"{name.replace('_', ' ')} over all components", var)
     if integrate:
         for name in ("lost", "supplied"):

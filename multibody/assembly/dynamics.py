@@ -12,6 +12,10 @@ from multibody.assembly.equation_set import Assembly, Contribution, Coordinate, 
 
 __all__ = ["accelerations", "product", "total"]
 
+#: Of a sum in one row.  Python reads and writes a row of sums one inside the other, about three calls for each, and has
+#: a thousand.
+MOST_TERMS = 64
+
 
 def product(*factors: str) -> str:
     """Return the text of a product, ones left out.
@@ -26,8 +30,16 @@ def product(*factors: str) -> str:
 
 
 def total(terms: list[str]) -> str:
-    """Return the text of a sum."""
-    return " + ".join(terms) if terms else "0.0"
+    """Return the text of a sum; one of very many terms as a sum of sums, which can be read at any length.
+
+    Examples
+    --------
+    >>> total(["a", "-b"]), total([])
+    ('a + -b', '0.0')
+    """
+    while len(terms) > MOST_TERMS:
+        terms = [f"({' + '.join(terms[k : k + MOST_TERMS])})" for k in range(0, len(terms), MOST_TERMS)]
+    return " + ".join(terms) or "0.0"
 
 
 def accelerations(work: Assembly) -> None:
@@ -50,7 +62,7 @@ def accelerations(work: Assembly) -> None:
         for c in members:
             terms = [f"{c.key}___F"]
             terms += [f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in prescribed if (c.key, g.key) in matrix]
-            right.append(" + ".join(terms))
+            right.append(total(terms))
         _solve(work, members, right, matrix)
     for g in prescribed:
         if g.reaction:
@@ -116,7 +128,7 @@ def _solve(
         for j in range(i + 1):
             terms = [f"{base}__L_{i}_{k} * {base}__U_{j}_{k}" for k in range(j) if low[i][k] and low[j][k]]
             start = _entry(keys[i], keys[j]) if present[i][j] else "0.0"
-            text = f"{start} - ({' + '.join(terms)})" if terms else start
+            text = f"{start} - ({total(terms)})" if terms else start
             if i == j:
                 work.add(f"{base}__E_{i} = 1.0 / ({text})", origin)
             elif present[i][j] or terms:
