@@ -103,6 +103,7 @@ def test_an_accumulating_disturbance_is_no_missing_effect(tmp_path, seed, by):
     assert any("random torque" in w for w in diagnosis["warnings"])
 
 
+@pytest.mark.slow
 def test_an_unbalance_is_found_in_spite_of_it(tmp_path):
     diagnosis = diagnosed(tmp_path, MODELS, partial(drive, unbalance=0.5), searched("significance"), seed=1)
     (effect,) = diagnosis["effects"]

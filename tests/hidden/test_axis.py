@@ -32,10 +32,15 @@ def test_nothing_hidden_nothing_named(seed):
 @pytest.mark.parametrize(
     ("hidden", "seed"),
     [
-        pytest.param("coulomb_friction@guide", 1, marks=pytest.mark.slow),  # the two effects below have it, too
         ("local_bump@guide", 6),
-        ("constant_force@guide", 9),
-        ("input_delay@reference.position", 8),
+        *(
+            pytest.param(hidden, seed, marks=pytest.mark.slow)
+            for hidden, seed in [
+                ("coulomb_friction@guide", 1),
+                ("constant_force@guide", 9),
+                ("input_delay@reference.position", 8),
+            ]
+        ),
     ],
 )
 def test_one_effect_is_named_first_and_its_size_is_right(hidden, seed):
@@ -51,6 +56,7 @@ def test_one_effect_is_named_first_and_its_size_is_right(hidden, seed):
     assert min(after[n] / before[n] for n in after) < 0.8  # the error falls on records that took no part
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_found():
     hidden = ["coulomb_friction@guide", "angle_harmonic@motor"]
     _, study, _ = diagnosed(12, hidden)

@@ -105,6 +105,7 @@ def drive(rng: np.random.Generator, duration: float = 6.0) -> dict[str, np.ndarr
     }
 
 
+@pytest.mark.slow
 def test_a_buffer_that_a_table_meets_is_found(tmp_path):
     diagnosis = diagnosed(tmp_path, MODELS, table, TABLE + RECORDS, seed=11)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["end_stop@leaf"]

@@ -21,7 +21,7 @@ case = sys.modules["fmu_lift"] = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(case)
 
 
-@pytest.mark.parametrize("fmi_version", ["2.0", "3.0"])
+@pytest.mark.parametrize("fmi_version", ["3.0", pytest.param("2.0", marks=pytest.mark.slow)])
 def test_a_lift_read_back_has_the_diagnosis_of_the_native_one(fmi_version: str, tmp_path: Path) -> None:
     case.write_case(tmp_path, fmi_version)
     native, read_back = (case.diagnosed(tmp_path, way) for way in case.WAYS)

@@ -54,6 +54,7 @@ def test_a_reaction_to_a_disturbance_is_no_missing_effect(tmp_path):
     assert any("supply.voltage reacts" in w for w in diagnosis["warnings"])
 
 
+@pytest.mark.slow
 def test_a_friction_is_found_in_spite_of_the_reaction(tmp_path):
     diagnosis = diagnosed(tmp_path, MOTOR, partial(servo, friction=0.02), MOTOR_STUDY + RECORDS, seed=2)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["coulomb_friction@bearing"]

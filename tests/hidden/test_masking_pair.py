@@ -37,7 +37,7 @@ def by_evidence(problem):
     return study
 
 
-@pytest.mark.parametrize("searched", ["study", "by_evidence"])
+@pytest.mark.parametrize("searched", ["study", pytest.param("by_evidence", marks=pytest.mark.slow)])
 def test_both_are_found_with_their_strengths(searched, request):
     study = request.getfixturevalue(searched)
     effects = {str(e): e for e in study.stage.effects}

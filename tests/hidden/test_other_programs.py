@@ -107,6 +107,7 @@ def test_the_air_around_a_fan_is_found(tmp_path):
     assert diagnosis["explained"] > 0.99
 
 
+@pytest.mark.slow
 def test_rebound_of_a_shock_absorber_is_found(tmp_path):
     diagnosis = diagnosed(tmp_path, MODELS, partial(car, rebound=600.0), CAR + RECORDS, seed=7)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["asymmetric_viscous_friction@strut"]

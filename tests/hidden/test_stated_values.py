@@ -83,7 +83,7 @@ def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:
     ("kind", "name", "factor"),
     [
         ("proportional_gain", "control.k_p", 1.3),
-        ("resistance", "motor.R", 1.25),
+        pytest.param("resistance", "motor.R", 1.25, marks=pytest.mark.slow),
         ("torque_constant", "motor.k_t", 0.9),
     ],
 )

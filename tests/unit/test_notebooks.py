@@ -45,6 +45,7 @@ def test_the_axis_notebook_finds_the_friction(tmp_path):
     assert "<table" in told  # the comparison shows itself
 
 
+@pytest.mark.slow
 def test_the_lift_notebook_ends_with_savings(tmp_path):
     quick = {"TRIPS = 10": "TRIPS = 2", "DRAWS = 40": "DRAWS = 3"}
     told = _run(EXAMPLES / "lift_from_trips_to_savings.ipynb", quick, tmp_path)
