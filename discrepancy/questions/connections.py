@@ -8,12 +8,15 @@ of time alone are not used: they could not be tested on other blocks.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from discrepancy.stages.residuals_along_motion import ResidualsAlongMotion
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
+from discrepancy.statistics.projection import Layout, Projection, project
+from discrepancy.statistics.whitening import identity
 from estimation.response.perturbations import InputPerturbation
 from multibody.base.parallel import available_cores
 
@@ -62,15 +65,15 @@ def failing_connections(residuals: ResidualsAlongMotion) -> list[dict[str, Any]]
         return []
     weight = 1.0 / residuals.noise
     e = (residuals.values * weight).ravel()
-    projector = _projector(residuals, weight)
-    e = _without(projector, e)
+    explained = _what_calibration_explains(residuals)
+    e = explained.remove(e)
     folds = _folds(residuals)
     responses, common = _responses(residuals, places, weight)
     shares, seen = {}, {}
     for place in places:
-        z = _without(projector, responses[place])
+        z = explained.remove(responses[place])
         shares[place] = _cross_validated(z, e, folds)
-        seen[place] = _without(projector, common[place])
+        seen[place] = explained.remove(common[place])
     groups = _indistinguishable(places, seen)
     rigid = {n: {m.name, *m.also} - {n} for m in residuals.motions for n in (m.name, *m.also)}
     entries = [
@@ -104,31 +107,12 @@ def _sentence(entry: dict[str, Any], entries: list[dict[str, Any]]) -> str:
     return sentence + "."
 
 
-def _projector(residuals: ResidualsAlongMotion, weight: np.ndarray) -> np.ndarray | None:
-    """Orthonormal basis of what calibration and each record's own unknowns can explain, shape (n·channels, k)."""
+def _what_calibration_explains(residuals: ResidualsAlongMotion) -> Projection:
+    """Return the directions of the parameters, without priors, and of each record's own unknowns."""
     sens = residuals.linearised.sensitivities()
-    k = len(sens.names)
-    own = [0 if n is None else n.shape[2] for n in sens.nuisance]
-    if k + sum(own) == 0:
-        return None
-    rows = []
-    at = k
-    for block, nuisance, count in zip(sens.blocks, sens.nuisance, own, strict=True):
-        full = np.zeros((block.shape[0] * block.shape[1], k + sum(own)))
-        full[:, :k] = (block * weight[:, None]).reshape(full.shape[0], k)
-        if nuisance is not None:
-            full[:, at : at + count] = (nuisance * weight[:, None]).reshape(full.shape[0], count)
-        at += count
-        rows.append(full)
-    f = np.concatenate(rows)
-    size = np.linalg.norm(f, axis=0)
-    f = f[:, size > 0.0] / size[size > 0.0]
-    u, s, _ = np.linalg.svd(f, full_matrices=False)
-    return u[:, s > 1e-8 * s[0]] if s.size else None
-
-
-def _without(basis: np.ndarray | None, x: np.ndarray) -> np.ndarray:
-    return x if basis is None else x - basis @ (basis.T @ x)
+    free = replace(sens, prior_std=np.full(len(sens.names), np.inf))
+    layout = Layout(tuple(len(block) for block in sens.blocks), residuals.values.shape[1])
+    return project(identity(residuals.noise.tolist(), residuals.outputs, 1.0), free, layout)
 
 
 def _folds(residuals: ResidualsAlongMotion) -> list[np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -104,10 +104,12 @@ class ResidualsAlongMotion:
         moving = [m for m in self.motions if m.moves]
         return [m for m in moving if m.place.second is None] or moving
 
-    def jackknife(self, blocks: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
-        """Return, for each block, the rows that remain when it is left out."""
-        rows = np.arange(len(self.values))
-        return [np.setdiff1d(rows, b, assume_unique=True) for b in (self.blocks if blocks is None else blocks)]
+    def jackknife(self) -> Iterator[np.ndarray]:
+        """Yield, for each block, the rows that remain when it is left out."""
+        for block in self.blocks:
+            remain = np.ones(len(self.values), dtype=bool)
+            remain[block] = False
+            yield np.flatnonzero(remain)
 
 
 def coupled_places(motions: Sequence[PlaceMotion]) -> list[list[PlaceMotion]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +29,7 @@ class Layout:
     n_channels: int
     n_prior: int = 0
 
-    @property
+    @cached_property
     def starts(self) -> tuple[int, ...]:
         """First row of each block."""
         return tuple(int(v) for v in np.concatenate([[0], np.cumsum(self.lengths)[:-1]]) * self.n_channels)
