@@ -1,6 +1,6 @@
-"""Diagnoses of the machines that others have recorded: what each found, how probable it is, what it predicts; the page.
+"""Diagnoses of machines that others have recorded: what each found, how probable it is, what it predicts; the page.
 
-``VTSDT_DATA=/path/to/data python benchmarks/real_machines.py [--only emps,pendulum] [--keep FILE] [--out FOLDER]``, with
+``VTSDT_DATA=/path/to/data python benchmarks/real_machines.py [--only emps/study] [--keep FILE] [--out FOLDER]``, with
 ``--page docs/benchmarks/real-machines.md`` to write the page
 """
 
@@ -18,6 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from run import machine
+
+from discrepancy.conclusion.sentences import kind_title, percent_words
+from multibody.base.quantity_text import quantity_text, two_quantities_text
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
@@ -41,23 +44,23 @@ class Run:
     Parameters
     ----------
     processor, wall : float, s
-    peak : float, bytes
-        Largest resident memory.
     code : int
         Exit code.
     commit, date : str
         Of the program, and when it was run.
     diagnosis : dict, optional
         Its ``diagnosis.json``, without what the page does not need.
+    peak : float, bytes, optional
+        Largest resident memory.
     """
 
     processor: float
     wall: float
-    peak: float
     code: int
     commit: str
     date: str
     diagnosis: dict[str, Any] | None
+    peak: float | None = None
 
 
 def diagnosed(study: str, out: Path) -> Run:
@@ -94,6 +97,130 @@ def _commit() -> str:
     return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
 
 
+def page(runs: dict[str, Run]) -> str:
+    """Return the page: a table of all, and a section for each study."""
+    rows = "\n".join(_row(study, run) for study, run in runs.items())
+    sections = "\n\n".join(_section(study, run) for study, run in runs.items())
+    dates = sorted({run.date for run in runs.values()})
+    return PAGE.format(date=dates[-1], machine=machine(), rows=rows, sections=sections)
+
+
+def _row(study: str, run: Run) -> str:
+    what, model = STUDIES[study]
+    said = run.diagnosis
+    used = f"{run.processor:.0f} s"
+    if said is None:
+        return f"| {what} | {model} | no result (exit code {run.code}) | | | | {used} |"
+    names = "<br>".join(_name(each) + _at_probability(each) for each in said["effects"]) or _nothing(said)
+    errors = "<br>".join(_errors(said))
+    return f"| {what} | {model} | {said['verdict']} | {names} | {errors} | {_checks(said)} | {used} |"
+
+
+def _name(entry: dict[str, Any]) -> str:
+    return f"{kind_title(entry['kind'])} at {entry['where']}"
+
+
+def _at_probability(entry: dict[str, Any]) -> str:
+    return f", {percent_words(entry['probability'])}" if "probability" in entry else ", no probability"
+
+
+def _nothing(said: dict[str, Any]) -> str:
+    known = said.get("probabilities")
+    return f"nothing, {percent_words(known['nothing'])}" if known else "none"
+
+
+def _errors(said: dict[str, Any]) -> list[str]:
+    """Return the error of each output held out, of the calibrated model and of the last."""
+    first, last = said["stages"][min(1, len(said["stages"]) - 1)], said["stages"][-1]
+    part = said["explained_on"]
+    lines = []
+    for name, before in first[part].items():
+        after = last[part][name]
+        one, other = two_quantities_text(before["rmse"], after["rmse"], said["units"][name])
+        lines.append(f"{name} {one} → {other} ({100 * before['nrmse']:.3g} → {100 * after['nrmse']:.3g} %)")
+    return lines
+
+
+def _checks(said: dict[str, Any]) -> str:
+    """Return how many of the predictive checks passed."""
+    checks = said.get("predictive_checks")
+    return f"{sum(c['passed'] for c in checks)} of {len(checks)}" if checks else "none made"
+
+
+def _section(study: str, run: Run) -> str:
+    """Return what a diagnosis says: its sentence, the strengths, what else it could be, and the checks."""
+    what, model = STUDIES[study]
+    lines = [f"## {what[0].upper()}{what[1:]}: {model}", ""]
+    memory = f", {run.peak / 1e9:.1f} GB" if run.peak else ""
+    cost = f"{run.processor:.0f} s of processor time{memory}, at {run.commit} on {run.date}"
+    lines += [f"`examples/{study}.toml`; {cost}.", ""]
+    if run.diagnosis is None:
+        return "\n".join([*lines, f"It ended with exit code {run.code} and no result."])
+    said = run.diagnosis
+    lines += [f"> {said['sentence']}", ""]
+    if said["effects"]:
+        lines += ["| effect | probability | fitted | what else | gain on blocks left out, nats |"]
+        lines += ["| --- | --- | --- | --- | --- |", *(_effect(each, said) for each in said["effects"]), ""]
+    models = said.get("probabilities", {}).get("models", [])[:5]
+    if models:
+        lines += ["The most probable models, of all that were tried:", ""]
+        for each in models:
+            names = ", ".join(_name(_split(name)) for name in each["effects"]) or "nothing is missing"
+            lines += [f"- {names}: {percent_words(each['probability'])}"]
+        lines += [""]
+    lines += ["| output | held-out error, calibrated → last model | fit | innovations |"]
+    lines += ["| --- | --- | --- | --- |"]
+    for name, text in zip(said["units"], _errors(said), strict=True):
+        check = said.get("checks", {}).get(name)
+        lines += [f"| {name} | {text.removeprefix(name + ' ')} | {_fit(check)} | {_innovations(check)} |"]
+    failed = [c for c in said.get("predictive_checks", ()) if not c["passed"]]
+    if failed:
+        worst = sorted(failed, key=lambda c: -abs(c["deviations"] or 0.0))[:3]
+        words = "; ".join(f"{c['output']}, {c['what']}: {_deviations(c)}" for c in worst)
+        lines += ["", f"Checks that failed: {len(failed)} of {len(said['predictive_checks'])}, most: {words}."]
+    return "\n".join(lines)
+
+
+def _effect(entry: dict[str, Any], said: dict[str, Any]) -> str:
+    fitted = ", ".join(
+        f"{name} {quantity_text(p['value'], p['unit'])}"
+        + (f" ± {quantity_text(p['std'], p['unit'])}" if p["std"] else "")
+        for name, p in entry["parameters"].items()
+        if isinstance(p, dict) and "value" in p
+    )
+    own = f"{entry['kind']}@{entry['where']}"
+    known = said.get("probabilities", {}).get("effects", [])
+    others: list[dict[str, Any]] = next((e["set"][1:] for e in known if f"{e['kind']}@{e['where']}" == own), [])
+    others = others or entry["indistinguishable_from"]
+    else_ = "<br>".join(_name(each) + _at_probability(each) for each in others) or "nothing"
+    gain = said.get("predictive_gain", {}).get(own)
+    gained = f"{gain['gain']:.0f} ± {gain['standard_error']:.0f}" if gain else "not judged"
+    probability = _at_probability(entry).removeprefix(", ")
+    return f"| {_name(entry)} | {probability} | {fitted} | {else_} | {gained} |"
+
+
+def _split(name: str) -> dict[str, str]:
+    kind, _, where = name.partition("@")
+    return {"kind": kind, "where": where}
+
+
+def _fit(check: dict[str, Any] | None) -> str:
+    return f"{check['fit_percent']:.1f} %" if check else ""
+
+
+def _innovations(check: dict[str, Any] | None) -> str:
+    """Return what the predictive checks say of an output's innovations."""
+    if check is None:
+        return "not checked"
+    white = "white" if check["innovation_white"] else "not white"
+    return f"{white}, {check['size']:.2f} of the size promised, {'even' if check['even'] else 'uneven'}"
+
+
+def _deviations(check: dict[str, Any]) -> str:
+    deviations = check["deviations"]
+    return "no number" if deviations is None else f"{abs(deviations):.1f} standard deviations off"
+
+
 def main() -> int:
     """Diagnose what is not in the file of results yet, and write the page."""
     parser = argparse.ArgumentParser()
@@ -123,6 +250,24 @@ def main() -> int:
         given.page.write_text(page({study: kept[study] for study in STUDIES if study in kept}), encoding="utf-8")
     return 1 if any(run.code for run in kept.values()) else 0
 
+
+PAGE = """# Real machines: what the program says
+
+Written by `python benchmarks/real_machines.py --keep FILE --page docs/benchmarks/real-machines.md`, which runs `vtsdt
+diagnose` on studies of machines that others have recorded (`examples/`), each in a process of its own, and may be
+interrupted and continued; last run {date}. What these numbers mean, and what can be said against them:
+[Real machines](../howto/real-machines.md). {machine}.
+
+The error is the root mean square on records that were not used to fit, of the calibrated model and of the last one; in
+brackets as a share of the measured signal's standard deviation. Fit is 100 % less that share. A gain is that of the
+log likelihood of blocks left out in turn, with its standard error.
+
+| machine | initial model | verdict | effects, with probability | held-out error | checks passed | processor |
+| --- | --- | --- | --- | --- | --- | --- |
+{rows}
+
+{sections}
+"""
 
 if __name__ == "__main__":
     sys.exit(main())

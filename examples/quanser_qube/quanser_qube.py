@@ -7,7 +7,11 @@ from multibody import Component, Input, Model, Output, Parameter, State
 from multibody.library import AngleSensor, FirstOrderLag, Gain, RotaryViscousFriction, TorqueSource
 from multibody.library.spatial import Link
 
-MASS, LENGTH, REACH = 0.024, 0.129, 0.085  # kg and m of the pendulum, m from the motor's axis to the hinge (manufacturer)
+MASS, LENGTH, REACH = (
+    0.024,
+    0.129,
+    0.085,
+)  # kg, m, m: the pendulum, and the arm up to its hinge (manufacturer)
 
 
 class Balance(Component):
@@ -43,12 +47,14 @@ class Balance(Component):
         self.voltage = max(-self.limit, min(self.limit, of_arm + of_pendulum + self.added))
 
 
-def build(torque_per_volt: float = 0.005) -> Model:
+def build(torque_per_volt: float = 0.01) -> Model:
     """Return the machine; ``torque_per_volt`` is the motor's at standstill, in N*m/V."""
     qube = Model("quanser_qube")
     turning = {each: False for each in ("x", "y", "z")}
     # The motor's back-EMF acts as viscous friction, and is part of the bearing's.
-    arm = qube.add("arm", Link(mass=0.095, I_xx=5e-4, I_yy=5e-4, I_zz=2.5e-4, tip_x=-REACH, roll=False, pitch=False, **turning))
+    arm = qube.add(
+        "arm", Link(mass=0.095, I_xx=5e-4, I_yy=5e-4, I_zz=2.5e-4, tip_x=-REACH, roll=False, pitch=False, **turning)
+    )
     about_centre = MASS * LENGTH**2 / 12.0
     pendulum = qube.add(
         "pendulum",

@@ -1,9 +1,12 @@
-"""A pendulum that a motor of little torque swings up: a rigid rod with a weight, and viscous friction in its bearing."""
+"""A pendulum that a motor of little torque swings up: a rigid rod with a weight, viscous friction in its bearing."""
 
 from multibody import Model
 from multibody.library import Inertia, RotaryViscousFriction, TorqueSource, UnbalancedWeight
 
-MASS, ARM = 0.676, 0.45  # kg, m: weight with rod and mounting, and where their centre of mass is (testbench description)
+MASS, ARM = (
+    0.676,
+    0.45,
+)  # kg, m: weight with rod and mounting, and their centre of mass (testbench description)
 
 
 def build(inertia: float = 0.15, viscous: float = 0.1) -> Model:
