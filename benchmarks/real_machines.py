@@ -183,10 +183,7 @@ def _section(study: str, run: Run) -> str:
 
 def _effect(entry: dict[str, Any], said: dict[str, Any]) -> str:
     fitted = ", ".join(
-        f"{name} {quantity_text(p['value'], p['unit'])}"
-        + (f" ± {quantity_text(p['std'], p['unit'])}" if p["std"] else "")
-        for name, p in entry["parameters"].items()
-        if isinstance(p, dict) and "value" in p
+        _value(name, p) for name, p in entry["parameters"].items() if isinstance(p, dict) and "value" in p
     )
     own = f"{entry['kind']}@{entry['where']}"
     known = said.get("probabilities", {}).get("effects", [])
@@ -197,6 +194,19 @@ def _effect(entry: dict[str, Any], said: dict[str, Any]) -> str:
     gained = f"{gain['gain']:.0f} ± {gain['standard_error']:.0f}" if gain else "not judged"
     probability = _at_probability(entry).removeprefix(", ")
     return f"| {_name(entry)} | {probability} | {fitted} | {else_} | {gained} |"
+
+
+def _value(name: str, fitted: dict[str, Any]) -> str:
+    """Return a fitted parameter with its standard deviation; of a free curve what it is a function of, or its ends."""
+    value, unit = fitted["value"], fitted["unit"]
+    if isinstance(value, str):
+        return f"{name.replace('_', ' ')} {value}"
+    if isinstance(value, list):
+        ends = " to ".join(quantity_text(v, unit) for v in (value[0], value[-1]))
+        return f"{name} from {ends}"
+    return f"{name} {quantity_text(value, unit)}" + (
+        f" ± {quantity_text(fitted['std'], unit)}" if fitted["std"] else ""
+    )
 
 
 def _split(name: str) -> dict[str, str]:
