@@ -67,7 +67,7 @@ def diagnosed(study: str, out: Path) -> Run:
     """Diagnose a study in a process of its own, whose progress is shown."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     words = [sys.executable, "-m", "vtsdt", "diagnose", str(EXAMPLES / f"{study}.toml"), "--out", str(out)]
-    begun = time.monotonic()
+    begun, commit = time.monotonic(), _commit()
     run = subprocess.Popen(words, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(run.pid, 0)
     run.returncode = os.waitstatus_to_exitcode(status)
@@ -77,7 +77,7 @@ def diagnosed(study: str, out: Path) -> Run:
         wall=time.monotonic() - begun,
         peak=1024.0 * used.ru_maxrss,
         code=run.returncode,
-        commit=_commit(),
+        commit=commit,
         date=time.strftime("%Y-%m-%d"),
         diagnosis=needed(json.loads(written.read_text(encoding="utf-8"))) if written.exists() else None,
     )
