@@ -30,8 +30,8 @@ _SINGLE_LAGS = (0, 1, 2, 4, 8, 16, 32)
 
 
 def _groups(single: int, longest: int) -> list[tuple[int, int]]:
-    """Lag windows (first, last), inclusive: single lags, then doubling windows up to ``longest``."""
-    groups = [(k, k) for k in range(1, single + 1)]
+    """Return lag windows (first, last), inclusive: single lags, then doubling windows, none beyond ``longest``."""
+    groups = [(k, k) for k in range(1, min(single, longest) + 1)]
     first = single + 1
     while True:
         width = max(1, first - 1) if single else first

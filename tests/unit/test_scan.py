@@ -56,6 +56,30 @@ def test_score_equals_the_drop_of_a_full_fit():
     assert scorer.strength(0, s.amplitude[:, 0])[0][0] == pytest.approx(full[0][3], rel=1e-9)
 
 
+def test_a_law_of_two_strengths_is_scored_though_a_parameter_does_what_both_together_do():
+    """Friction that differs with direction, beside a friction that the records know ten thousand times better."""
+    _, e, F, Z = small(4)
+    forward = [f[:, :, :1] * (np.arange(len(f)) % 2)[:, None, None] for f in F]
+    backward = [f[:, :, :1] - g for f, g in zip(F, forward, strict=True)]
+    both = [np.concatenate([a, b], axis=2) for a, b in zip(forward, backward, strict=True)]
+    size = float(np.sqrt(sum(np.sum(f[:, :, 0] ** 2) for f in F)))
+    stated = np.array([1e4 / size, np.inf, np.inf])
+    sens = Sensitivities(names=["a", "b", "c"], blocks=F, prior_std=stated, prior_offset=np.zeros(3))
+    w = identity([1.0, 1.0], ["x", "y"], 0.01)
+    lay = Layout((120, 90), 2, 1)
+    proj = project(w, sens, lay)
+    cols = prepare_columns([(0, 0, False, lay.stack(w, both))], proj)
+    assert not cols.dropped
+    scorer = make_scorer(cols, proj, 0.01)
+    strength = scorer.strength(0, scorer(proj.remove(lay.stack(w, e))[:, None]).amplitude[:, 0])[0]
+    A = np.zeros((lay.n_rows, 5))
+    A[: lay.n_data, :3] = np.concatenate([f.reshape(-1, 3) for f in F])
+    A[: lay.n_data, 3:] = np.concatenate([z.reshape(-1, 2) for z in both])
+    A[-1, 0] = 1.0 / stated[0]
+    full = np.linalg.lstsq(A, lay.stack(w, e), rcond=1e-15)[0]
+    assert strength[0] - strength[1] == pytest.approx(full[3] - full[4], rel=1e-6)
+
+
 def test_lambda_is_one_for_white_noise_on_average():
     rng, _, F, Z = small(2, n=(400, 300))
     sens = Sensitivities(names=["a", "b", "c"], blocks=F)

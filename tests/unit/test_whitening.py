@@ -60,3 +60,12 @@ def test_constant_zero_channel_is_left_alone():
 def test_identity_divides_by_the_noise():
     w = identity([2.0], ["a"], 0.1)
     np.testing.assert_allclose(w.apply(np.full((4, 1), 6.0)), 3.0)
+
+
+def test_short_windows_have_filters_no_longer_than_a_sixth_of_them():
+    rng = np.random.default_rng(3)
+    x = [lfilter([1.0], [1.0, -0.9], rng.standard_normal(n))[:, None] for n in (15, 14, 13) * 20]
+    w = fit_whitener(x, 0.01, ["a"])
+    assert 1 <= w.filters[0].memory <= 2
+    out = [w.apply(b)[2:, 0] for b in x]
+    assert abs(sum(b[1:] @ b[:-1] for b in out)) < 0.15 * sum(b @ b for b in out)  # 0.9 before
