@@ -24,9 +24,9 @@ MIN_WINDOW = 16
 # Norm of a column relative to the largest value on the candidate's own shape grid.
 NOT_EXCITED = 1e-9
 ABSORBED = 1.0 - 1e-6
-# Least eigenvalue of the columns of one candidate, of unit length before the projection, as they are after it.  A parameter
-# that is known a thousand times better from the records than stated leaves 1e-6 of what it does: friction in both
-# directions together, of one that differs with direction.  Rounding leaves less than 1e-20.
+# Least eigenvalue of the columns of one candidate, of unit length before the projection, as they are after it.  A
+# parameter that is known a thousand times better from the records than stated leaves 1e-6 of what it does: friction in
+# both directions together, of one that differs with direction.  Rounding leaves less than 1e-20.
 DEPENDENT = 1e-12
 CANCELLED = 1e-2  # share of a column's energy left by a projection below which it is projected again; chosen
 # Log-likelihood that a column must explain to be removed; columns that are shortlisted for that; chosen.

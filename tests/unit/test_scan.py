@@ -58,7 +58,7 @@ def test_score_equals_the_drop_of_a_full_fit():
 
 def test_a_law_of_two_strengths_is_scored_though_a_parameter_does_what_both_together_do():
     """Friction that differs with direction, beside a friction that the records know ten thousand times better."""
-    _, e, F, Z = small(4)
+    _, e, F, _ = small(4)
     forward = [f[:, :, :1] * (np.arange(len(f)) % 2)[:, None, None] for f in F]
     backward = [f[:, :, :1] - g for f, g in zip(F, forward, strict=True)]
     both = [np.concatenate([a, b], axis=2) for a, b in zip(forward, backward, strict=True)]
