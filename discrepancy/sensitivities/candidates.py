@@ -241,7 +241,7 @@ def _record_sensitivities(
         for _ in range(len(shapes) * (len(strengths) if entry.kind.at == "connection" else 1))
     ]
     every += [change for _, change in carried]
-    together = cheaper_by_transition_matrices(linearised.slim, every)
+    together = cheaper_by_transition_matrices(linearised.slim, every, np.size(experiment.record.time))
     if together:
         experiment.perturbation_response(linearised.slim, linearised.p, start, every, curve_channels)  # for all batches
     else:

@@ -269,7 +269,7 @@ class LinearisedProblem:
         curves = self.free_curves()
         no_values = np.empty(0)
         every = [InputPerturbation(c.channel, no_values) for c in curves for _ in range(CURVE_POINTS * len(c.ranges))]
-        carried = cheaper_by_transition_matrices(self.slim, every)
+        carried = cheaper_by_transition_matrices(self.slim, every, np.size(experiment.record.time))
         if carried:  # for all places at once
             experiment.perturbation_response(self.slim, self.p, start, every)
         at_once = columns_together if carried else responses_together

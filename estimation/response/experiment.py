@@ -297,7 +297,7 @@ class Experiment:
             kept = self._kept_perturbation_response(system, p, x0)
             if (
                 lasting
-                or cheaper_by_transition_matrices(system, perturbations)
+                or cheaper_by_transition_matrices(system, perturbations, np.size(self.record.time))
                 or (kept is not None and kept.serves(perturbations))
             ):
                 linearised = self.perturbation_response(system, p, x0, perturbations)

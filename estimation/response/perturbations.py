@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.response.record_simulation import RecordSimulation
+from multibody.base.memory import memory_limit
 from multibody.solvers.kernels.perturbations import propagate
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ __all__ = [
 ]
 
 STRETCH_GAP = 8  # samples without a requested time that begin a new stretch of integration
+#: Share of the memory limit that the matrices of one record may take: two records may be worked on at a time.
+MATRICES = 0.25
 STATE_RTOL = 1e-8  # relative tolerance of the states at which Jacobians are evaluated
 
 
@@ -98,14 +101,19 @@ def perturbed_channels(perturbations: Sequence[Perturbation], also: Sequence[Cha
     return *inputs, *rates, *sorted(parameters, key=lambda c: c.evaluated_at)
 
 
-def cheaper_by_transition_matrices(system: System, perturbations: Sequence[Perturbation]) -> bool:
+def cheaper_by_transition_matrices(system: System, perturbations: Sequence[Perturbation], samples: int) -> bool:
     """Return whether state-transition matrices cost less than one integrated direction for each perturbation.
 
-    They take about twice as many steps, with a column for each state and perturbed channel (two for an input).
+    They take about twice as many steps, with a column for each state and perturbed channel (two for an input).  Where
+    those of so many samples do not fit into memory, they are no choice: hundreds of states with all their connections
+    take tens of gigabytes.
     """
     channels = perturbed_channels(perturbations)
-    columns = len(system.states) + sum(1 if isinstance(c, ParameterPerturbation) else 2 for c in channels)
-    return len(system.states) > 0 and not system.stepped and len(perturbations) > 2 * columns
+    states = len(system.states)
+    columns = states + sum(1 if isinstance(c, ParameterPerturbation) else 2 for c in channels)
+    taken = 8.0 * samples * states * (states + 2 * len(channels))
+    fits = taken <= MATRICES * memory_limit()
+    return states > 0 and not system.stepped and len(perturbations) > 2 * columns and fits
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -58,7 +58,7 @@ def test_kept_transitions_serve_a_few_perturbations_too(sticking):
     _, experiment, system, p = sticking
     experiment = replace(experiment)  # nothing kept
     given, x0 = perturbations(experiment), experiment.start_vector(system)
-    assert not cheaper_by_transition_matrices(system, given[:1])
+    assert not cheaper_by_transition_matrices(system, given[:1], np.size(experiment.record.time))
     integrated = experiment.respond(system, p, x0, perturbations=given[:1])
     assert integrated.evaluations > 0
     kept = experiment.perturbation_response(system, p, x0, given)
@@ -81,9 +81,20 @@ def test_a_simulation_with_too_many_evaluations_is_given_up(sticking):
         replace(experiment, max_evaluations=100).respond(system, p)
 
 
+def test_matrices_that_do_not_fit_into_memory_are_no_choice(sticking, monkeypatch):
+    _, experiment, system, p = sticking
+    given = [InputPerturbation("probe.motor", np.sin(k * np.array(experiment.record.time))) for k in range(1, 30)]
+    carried = experiment.respond(system, p, perturbations=given)
+    monkeypatch.setenv("VTSDT_MEMORY", "0.001")
+    assert not cheaper_by_transition_matrices(system, given, np.size(experiment.record.time))
+    integrated = replace(experiment, rtol=1e-8).respond(system, p, perturbations=given)
+    assert integrated.evaluations > 0
+    np.testing.assert_allclose(integrated.outputs, carried.outputs, rtol=1e-3, atol=1e-5 * np.ptp(carried.outputs))
+
+
 def test_more_threads_than_perturbations_change_nothing(sticking):
     _, experiment, system, p = sticking
     given = [InputPerturbation("probe.motor", np.sin(k * np.array(experiment.record.time))) for k in range(1, 30)]
-    assert cheaper_by_transition_matrices(system, given)
+    assert cheaper_by_transition_matrices(system, given, np.size(experiment.record.time))
     one, many = (experiment.respond(system, p, perturbations=given, workers=w).derivatives for w in (1, 64))
     np.testing.assert_allclose(many, one, rtol=1e-12, atol=1e-15)
