@@ -7,11 +7,7 @@ from multibody import Component, Input, Model, Output, Parameter, State
 from multibody.library import AngleSensor, FirstOrderLag, Gain, RotaryViscousFriction, TorqueSource
 from multibody.library.spatial import Link
 
-MASS, LENGTH, REACH = (
-    0.024,
-    0.129,
-    0.085,
-)  # kg, m, m: the pendulum, and the arm up to its hinge (manufacturer)
+MASS, LENGTH, REACH = 0.024, 0.129, 0.085  # kg, m, m: the pendulum, and the arm up to its hinge (manufacturer)
 
 
 class Balance(Component):

@@ -3,10 +3,7 @@
 from multibody import Model
 from multibody.library import Inertia, RotaryViscousFriction, TorqueSource, UnbalancedWeight
 
-MASS, ARM = (
-    0.676,
-    0.45,
-)  # kg, m: weight with rod and mounting, and their centre of mass (testbench description)
+MASS, ARM = 0.676, 0.45  # kg, m: weight with rod and mounting, and their centre of mass (testbench description)
 
 
 def build(inertia: float = 0.15, viscous: float = 0.1) -> Model:
