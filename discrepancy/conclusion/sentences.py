@@ -34,8 +34,11 @@ __all__ = [
     "warnings_about_effects",
 ]
 
-#: Multiple of its noise, and share of its spread, from which an output's error is said to be large: chosen.
-LARGE_OVER_NOISE, LARGE_OVER_SPREAD = 10.0, 0.1
+#: Multiple of its noise from which nobody would take an output's error for noise: chosen.
+LARGE_OVER_NOISE = 10.0
+#: Multiple of its noise, and share of its spread, from which a model does not follow an output: noise then makes a ninth
+#: of the mean square error, and the error can be seen beside what the output does.
+MORE_THAN_NOISE, LARGE_OVER_SPREAD = 3.0, 0.1
 #: Probability of effects that were not named from which it is said.
 LEAST_UNNAMED = 0.1
 #: Relative change of an error below which it is said to stay.
@@ -301,16 +304,20 @@ def curve_statement(accepted: AcceptedEffect) -> str:
 
 def outputs_far_above_noise(stage: Stage) -> list[str]:
     """Return the outputs whose error is a multiple of their noise that nobody would take for noise, largest first."""
-    ratios = {n: e / max(stage.noise.get(n, 0.0), 1e-300) for n, e in stage.rmse("identify").items()}
+    ratios = _errors_over_noise(stage)
     return sorted((n for n, r in ratios.items() if r > LARGE_OVER_NOISE), key=lambda n: -ratios[n])
+
+
+def _errors_over_noise(stage: Stage) -> dict[str, float]:
+    return {n: e / max(stage.noise.get(n, 0.0), 1e-300) for n, e in stage.rmse("identify").items()}
 
 
 def poor_fit_note(stage: Stage, verdict: str) -> str:
     """Return a sentence, with a space before it, that a model does not follow its records, if it does not."""
-    error, shares, large = stage.rmse("identify"), {}, outputs_far_above_noise(stage)
+    error, shares, over_noise = stage.rmse("identify"), {}, _errors_over_noise(stage)
     for c, name in enumerate(stage.outputs):
         spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in stage.identify.fits])))
-        if 0.0 < LARGE_OVER_SPREAD * spread < error[name] and name in large:
+        if 0.0 < LARGE_OVER_SPREAD * spread < error[name] and over_noise[name] > MORE_THAN_NOISE:
             shares[name] = error[name] / spread
     if not shares:
         return ""

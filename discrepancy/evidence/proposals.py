@@ -46,7 +46,7 @@ __all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose", 
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Candidates that explain what is taken for random, which are fitted in full, the noise anew: each costs seconds.
-REFITTED = 2
+REFITTED = 6
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
@@ -361,15 +361,10 @@ class _Scoring:
         return self.ranked[0] if self.ranked and np.any(self.ranked[0].expected_strength) else None
 
     @cached_property
-    def _able(self) -> list[ScoredCandidate]:
+    def able(self) -> list[ScoredCandidate]:
         """Candidates that may explain something, those left out that a parameter of the model stands for."""
         owned = _owned([self], parameter_likeness(self.problem.sensitivities()))
         return [c for c in self.ranked if math.isfinite(c.gain) and c.name not in owned]
-
-    @property
-    def likeliest_single(self) -> tuple[tuple[ScoredCandidate, ...], float]:
-        """The best candidate and its gain; minus infinity without one."""
-        return ((self._able[0],), self._able[0].gain) if self._able else ((), -math.inf)
 
     @property
     def likeliest_pair(self) -> tuple[tuple[ScoredCandidate, ...], float]:
@@ -378,19 +373,22 @@ class _Scoring:
         Each pays for its strength and shape as it does alone.
         """
         best: tuple[tuple[ScoredCandidate, ...], float] = ((), -math.inf)
-        for one, other in itertools.combinations(self._able, 2):
+        for one, other in itertools.combinations(self.able, 2):
             gain = one.gain + other.gain - self.offset + gain_of_both(one.direction, other.direction, self.scored.e)
             if gain > best[1]:
                 best = (one, other), gain
         return best
 
     def gain_beside(self, name: str, parameter: str) -> float:
-        """Return by how much the log evidence rises with a candidate where a parameter is fitted without its prior."""
+        """Return by how much the log evidence rises with a candidate where a parameter is fitted without its prior.
+
+        Both models have this noise, so that what it does not explain counts for neither.
+        """
         k = next(k for k, c in enumerate(self.raw) if c.name == name)
         sens = self.problem.sensitivities()
         free = replace(sens, prior_std=np.where(np.array(sens.names) == parameter, np.inf, sens.prior_std))
         ranked = _by_evidence(_scored(self.problem, free, self.white[k : k + 1]), self.raw[k : k + 1], self.noise)
-        return ranked[0].gain + self.offset if ranked else -math.inf
+        return ranked[0].gain if ranked else -math.inf
 
 
 def gain_of_both(one: np.ndarray, other: np.ndarray, residual: np.ndarray) -> float:
@@ -437,25 +435,25 @@ def _in_place_of_random(
     model = likelihood.noise.model
     fewer = [tuple(q for q in model.processes if q is not process) for process in model.processes]
     at_best_shapes = [c.at_one_shape for c in own.ranked]
-    shares: list[tuple[float, tuple[ScoredCandidate, ...]]] = []
+    losses: list[tuple[float, list[tuple[ScoredCandidate, ...]]]] = []
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
         progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
         lost = min(without.offset, -1.0)
-        explanation, gain = without.likeliest_single
-        if 1.0 - gain / lost <= REGAINED:
-            explanation, gain = without.likeliest_pair
-        if 1.0 - gain / lost > REGAINED:
-            shares.append((1.0 - gain / lost, explanation))
+        singles = [(c,) for c in without.able if 1.0 - c.gain / lost > REGAINED * (1.0 - POLICY.linear_error)]
+        pair, gain = without.likeliest_pair if not singles else ((), -math.inf)
+        losses.append((lost, [pair] if 1.0 - gain / lost > REGAINED else singles))
+    # in turns: the best for each set of processes first
+    by_loss = [explanations for _, explanations in sorted(losses, key=lambda t: t[0])]
     leaders: list[tuple[ScoredCandidate, ...]] = []
-    for _, explanation in sorted(shares, key=lambda t: -t[0]):
+    for explanation in (e for turn in itertools.zip_longest(*by_loss) for e in turn if e):
         if not any(_do_the_same(explanation, other) for other in leaders):
             leaders.append(explanation)
     return tuple(leaders[:REFITTED])
 
 
 def _do_the_same(one: Sequence[ScoredCandidate], other: Sequence[ScoredCandidate]) -> bool:
-    return len(one) == len(other) and all(any(_same(a, b) for b in other) for a in one)
+    return len(one) == len(other) and all(any(a.name == b.name or _same(a, b) for b in other) for a in one)
 
 
 def _scoring_beside_leading(
