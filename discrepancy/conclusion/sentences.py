@@ -36,8 +36,8 @@ __all__ = [
 
 #: Multiple of its noise from which nobody would take an output's error for noise: chosen.
 LARGE_OVER_NOISE = 10.0
-#: Multiple of its noise, and share of its spread, from which a model does not follow an output: noise then makes a ninth
-#: of the mean square error, and the error can be seen beside what the output does.
+#: Multiple of its noise, and share of its spread, from which a model does not follow an output: noise then makes a
+#: ninth of the mean square error, and the error can be seen beside what the output does.
 MORE_THAN_NOISE, LARGE_OVER_SPREAD = 3.0, 0.1
 #: Probability of effects that were not named from which it is said.
 LEAST_UNNAMED = 0.1

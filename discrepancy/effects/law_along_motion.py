@@ -18,7 +18,7 @@ from multibody.system.simulate import native_problem
 if TYPE_CHECKING:
     from multibody.machine.model import System
 
-__all__ = ["MOTION", "law_forces"]
+__all__ = ["MOTION", "has_memory", "law_forces"]
 
 MOTION = ("position", "velocity", "acceleration")
 
@@ -39,6 +39,11 @@ def _law_system(kind: Kind) -> System:
     if kind.law_input:
         model.input("load", getattr(part, kind.law_input), default=0.0)
     return model.build(outputs=("effect.force",))
+
+
+def has_memory(kind: Kind) -> bool:
+    """Tell whether a kind's law has a state of its own: its force is no function of the motion at the same time."""
+    return kind.law != "AddedInertia" and bool(_law_system(kind).states)
 
 
 def law_forces(

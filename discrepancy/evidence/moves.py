@@ -1,4 +1,4 @@
-"""The models that a search tried, and the moves from one to the next: add, add a pair, exchange, drop, a curve."""
+"""The models that a search tried, and the moves from one to the next: add, pair, exchange, drop, a curve, its names."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import contained, effect_of
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.criterion import Evidence
+from discrepancy.evidence.laws_of_a_curve import laws_of_curve
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import changed_share, simulation_gain
@@ -23,6 +24,7 @@ from discrepancy.stages.stage import Stage
 from discrepancy.statistics.masking_pairs import Pair, PairScores
 
 if TYPE_CHECKING:
+    from discrepancy.effects.catalogue import Entry
     from discrepancy.statistics.scan_result import ScanRow
 
 __all__ = [
@@ -33,6 +35,7 @@ __all__ = [
     "exchanges",
     "key_of",
     "matters_to_prediction",
+    "names_of_curves",
     "pairs",
     "pairs_in_place_of_random",
     "simplifications",
@@ -60,7 +63,7 @@ class TriedModel:
     evidence : Evidence or None
     move : str
         By which it was reached: ``"start"``, ``"add"``, ``"add a pair"``, ``"add a curve"``, ``"exchange"``,
-        ``"simplify"`` or ``"drop"``.
+        ``"name a curve"``, ``"simplify"`` or ``"drop"``.
     parent : tuple of str or None
         The model that it was made of.
     p_value : float
@@ -223,6 +226,27 @@ def exchanges(model: TriedModel, rivals: Mapping[str, Sequence[Proposal]]) -> li
             if any(str(new) == str(e) for e in effects):
                 continue
             out.append(Proposal(move="exchange", effects=(*effects[:k], *effects[k + 1 :], new)))
+    return out
+
+
+def names_of_curves(model: TriedModel, entries: Sequence[Entry], room: int) -> list[Proposal]:
+    """Return the models with laws of the catalogue in the place of a free curve.
+
+    Parameters
+    ----------
+    model : TriedModel
+    entries : sequence of Entry
+        The catalogue.
+    room : int
+        Effects that a model may have more.
+    """
+    assert model.likelihood is not None
+    linearised, effects = model.likelihood.linearised, model.stage.effects
+    out = []
+    for curve in (e for e in effects if e.definition.free_form):
+        rest = tuple(e for e in effects if e is not curve)
+        laws = laws_of_curve(linearised, curve, entries, linearised.sensitivities().names, rest)
+        out += [Proposal(move="name a curve", effects=(*rest, *new)) for new in laws if len(new) <= room + 1]
     return out
 
 

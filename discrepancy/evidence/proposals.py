@@ -440,6 +440,7 @@ def _in_place_of_random(
         progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
         lost = min(without.offset, -1.0)
+        singles: list[tuple[ScoredCandidate, ...]]
         singles = [(c,) for c in without.able if 1.0 - c.gain / lost > REGAINED * (1.0 - POLICY.linear_error)]
         pair, gain = without.likeliest_pair if not singles else ((), -math.inf)
         losses.append((lost, [pair] if 1.0 - gain / lost > REGAINED else singles))

@@ -33,6 +33,7 @@ from multibody.base.parallel import parallel_map
 from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
+    from discrepancy.effects.catalogue import Entry
     from discrepancy.effects.effect import Effect
     from discrepancy.search.state import SearchState
 
@@ -193,6 +194,7 @@ class EvidenceSearch:
             offers += [(p, 1.0) for p in moves.pairs(proposals, stage)]
         if len(stage.effects) > 1:
             offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
+        offers += [(p, 1.0) for p in moves.names_of_curves(model, self._entries(stage), room)]
         new = [(p, q) for p, q in offers if key_of(p.effects) not in self.models]
         likelihood.free_memory()
         give_back()
@@ -219,11 +221,14 @@ class EvidenceSearch:
 
     def _prior(self, stage: Stage, proposals: Proposals) -> ModelPrior:
         """Return what is known of models before the records are seen, from the first model that is extended."""
-        names = [e.name for e in entries_of(stage, self.state.problem.include, self.state.problem.exclude)]
+        names = [e.name for e in self._entries(stage)]
         shapes = {c.name: len(c.candidate.shapes) for c in proposals.candidates}
         values = self.state.stages[0].p
         stated = dict(zip(self.state.stages[0].system.parameter_names, map(float, values), strict=False))
         return ModelPrior(candidates=len(names), shapes=shapes, stated=stated)
+
+    def _entries(self, stage: Stage) -> list[Entry]:
+        return entries_of(stage, self.state.problem.include, self.state.problem.exclude)
 
     def _rival_effects(self, model: TriedModel) -> dict[str, list[Proposal]]:
         """Return what else may stand in the place of each effect of a model: the candidates of the model without it."""
@@ -355,7 +360,8 @@ class EvidenceSearch:
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
         gain = model.total - parent.total
-        more = len(model.stage.effects) > len(parent.stage.effects)
+        # laws in the place of a curve are the same force, with fewer parameters
+        more = len(model.stage.effects) > len(parent.stage.effects) and model.move != "name a curve"
         if gain <= (POLICY.improvement if more else 0.0):
             model.better, model.outcome = False, "not better"
         elif more and (why := moves.why_irrelevant(model, parent)):

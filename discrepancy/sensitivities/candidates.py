@@ -37,7 +37,7 @@ from multibody.base.parallel import available_cores, parallel_map
 from multibody.base.progress import Step
 from multibody.base.quantity_text import count_text
 
-__all__ = ["candidate_sensitivities", "cannot_be_built"]
+__all__ = ["candidate_sensitivities", "cannot_be_built", "forces_along_motion"]
 
 #: Number of an array in the store, and whether the effect changes anything there.
 Kept = tuple[int, bool]
@@ -315,7 +315,9 @@ def _input_perturbations(
     for entry, shapes, strengths in plans:
         channel = _channel(entry)
         if entry.kind.at == "connection":
-            forces: Iterable[Sequence[np.ndarray]] = _forces(linearised, entry, run, time, shapes, strengths)
+            forces: Iterable[Sequence[np.ndarray]] = forces_along_motion(
+                linearised, entry, run, time, shapes, strengths
+            )
         else:
             recorded = entry.kind.at == "input"
             u = experiment.record.signals[entry.where].values if recorded else run[entry.where]
@@ -324,7 +326,7 @@ def _input_perturbations(
             yield [((entry.name, k), InputPerturbation(channel, force)) for force in group]
 
 
-def _forces(
+def forces_along_motion(
     linearised: LinearisedProblem,
     entry: Entry,
     run: dict[str, np.ndarray],

@@ -20,6 +20,7 @@ from discrepancy.statistics.hat_functions import even_hat_functions
 from estimation.response.perturbations import InputPerturbation
 
 if TYPE_CHECKING:
+    from discrepancy.effects.effect import Effect
     from multibody.assembly.places import Place
     from multibody.base.memory import ArrayStore
 
@@ -96,6 +97,15 @@ class FreeCurves:
                 basis = -basis * np.tanh(self.speeds[record] / self.v_s)[:, None]
             forces += [InputPerturbation(self.channel, basis[:, k]) for k in range(CURVE_POINTS)]
         return forces
+
+    def forces_of(self, curve: Effect) -> list[np.ndarray]:
+        """Return the force of a free curve at this place along every record."""
+        of_curve = next(a for (over, *_), a in zip(self.ranges, self.arguments, strict=True) if over == curve.over)
+        heights = [np.interp(x, curve.knots, tuple(curve.strengths.values())) for x in of_curve]
+        if curve.over != "friction":
+            return heights
+        v_s = curve.shape["v_s"]
+        return [-z * np.tanh(v / v_s) for z, v in zip(heights, self.speeds, strict=True)]
 
     def candidates(self, store: ArrayStore, numbers: Sequence[Sequence[int]]) -> list[Candidate]:
         """Return a candidate for each curve.

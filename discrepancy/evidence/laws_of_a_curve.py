@@ -1,0 +1,177 @@
+"""The laws of the catalogue that a free curve may be the sum of."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from discrepancy.effects.catalogue import Entry
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.from_scan_row import effect_of
+from discrepancy.effects.law_along_motion import has_memory
+from discrepancy.evidence.policy import POLICY
+from discrepancy.sensitivities.candidates import forces_along_motion
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+
+__all__ = ["laws_of_curve"]
+
+#: Rows on which the force of a curve is compared with those of laws: many for each of its points, and soon done.
+ROWS = 4000
+#: Share of the largest singular value, or of a force, below which it is none but for rounding.
+SMALLEST = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _LawForces:
+    """The forces of a law along the motion of all records, in the shape that comes nearest to the curve.
+
+    It is what `discrepancy.effects.from_scan_row.effect_of` makes an effect of.
+
+    Parameters
+    ----------
+    entry : Entry
+    shape : dict of str to float
+    columns : ndarray, shape (n, k)
+        At strengths of one.
+    expected_strength : ndarray, shape (k,)
+        Empty before the laws are fitted together.
+    """
+
+    entry: Entry
+    shape: dict[str, float]
+    columns: np.ndarray
+    expected_strength: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def beside(self, base: np.ndarray) -> _LawForces:
+        """Return what is new in the forces beside those of an orthonormal base."""
+        return replace(self, columns=self.columns - base @ (base.T @ self.columns))
+
+    @property
+    def kind(self) -> str:
+        """Of the law."""
+        return self.entry.kind.name
+
+    @property
+    def where(self) -> str:
+        """Place of the law."""
+        return self.entry.where
+
+
+def laws_of_curve(
+    linearised: LinearisedProblem,
+    curve: Effect,
+    entries: Sequence[Entry],
+    fitted: Sequence[str],
+    rest: Sequence[Effect],
+) -> list[tuple[Effect, ...]]:
+    """Return the laws, one or two at once, whose force comes nearest to that of a free curve along the motion.
+
+    A curve takes the place of several laws at once, of which each alone may explain little, and what is random beside
+    that hides them from one another.
+
+    Parameters
+    ----------
+    linearised : LinearisedProblem
+        Of the model with the curve.
+    curve : Effect
+        Free form.
+    entries : sequence of Entry
+        The catalogue.
+    fitted : sequence of str
+        Parameters of the machine that are fitted: laws whose strength they are take part, and are not proposed.
+    rest : sequence of Effect
+        What the model has beside the curve.
+
+    Returns
+    -------
+    list of tuple of Effect
+        Best first, at the strengths that come nearest.
+    """
+    motion = next((c for c in linearised.free_curves() if c.place.name == curve.where), None)
+    own = [e for e in entries if e.where == curve.where and e.kind.linear and not has_memory(e.kind)]
+    if motion is None or not own:
+        return []
+    rows = _rows(linearised)
+    force = np.concatenate([f[r] for f, r in zip(motion.forces_of(curve), rows, strict=True)])
+    place = motion.place
+    of_machine = {
+        name: e for e in own for part in (place.name, *place.also) for n in e.kind.same_law if (name := f"{part}.{n}")
+    }
+    fitted_laws = [e for name, e in of_machine.items() if name in fitted]
+    beside = _orthonormal([_in_shapes(linearised, e, rows)[0].columns for e in fitted_laws], force.size)
+    left = force - beside @ (beside.T @ force)
+    there = {e.kind for e in rest if e.where == curve.where}
+    laws = []
+    for entry in own:
+        if entry in fitted_laws or there & {entry.kind.name, *entry.kind.contains}:
+            continue
+        shapes = [law.beside(beside) for law in _in_shapes(linearised, entry, rows)]
+        laws.append(min(shapes, key=lambda law: _strengths([law], left)[1]))
+    fits = [(group, *_strengths(group, left)) for k in (1, 2) for group in itertools.combinations(laws, k)]
+    able = [(group, strengths, error) for group, strengths, error in fits if all(map(np.any, strengths))]
+    able.sort(key=lambda fit: fit[2])
+    singles = [fit for fit in able if len(fit[0]) == 1][:1]
+    pairs = [fit for fit in able if len(fit[0]) == 2][: POLICY.pairs]
+    return [_as_effects(group, strengths, rest) for group, strengths, _ in (*singles, *pairs)]
+
+
+def _rows(linearised: LinearisedProblem) -> list[slice]:
+    """Return the rows of every record on which forces are compared."""
+    count = sum(np.size(e.record.time) for e in linearised.experiments)
+    return [slice(None, None, 1 + count // ROWS)] * len(linearised.experiments)
+
+
+def _in_shapes(linearised: LinearisedProblem, entry: Entry, rows: Sequence[slice]) -> list[_LawForces]:
+    """Return the forces of a law along all records in each of its shapes."""
+    shapes = entry.kind.shape_grid(linearised.motion_range(entry)) or [{}]
+    strengths = list(entry.kind.strengths)
+    of_records = [
+        forces_along_motion(
+            linearised, entry, linearised.nominal_outputs(i), np.array(e.record.time), shapes, strengths
+        )
+        for i, e in enumerate(linearised.experiments)
+    ]
+    joined = [
+        np.concatenate([np.column_stack(forces[k])[r] for forces, r in zip(of_records, rows, strict=True)])
+        for k in range(len(shapes))
+    ]
+    return [_LawForces(entry=entry, shape=s, columns=c) for s, c in zip(shapes, joined, strict=True)]
+
+
+def _orthonormal(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
+    """Return an orthonormal base of some columns, without directions that are none but for rounding."""
+    if not columns:
+        return np.zeros((rows, 0))
+    u, s, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
+    base: np.ndarray = u[:, s > SMALLEST * s[0]]
+    return base
+
+
+def _strengths(laws: Sequence[_LawForces], force: np.ndarray) -> tuple[list[np.ndarray], float]:
+    """Return the strengths at which laws come nearest to a force, and the sum of squares that is left.
+
+    They have the sign that their kind allows.  Where several do the same, they are the smallest that do.
+    """
+    columns = np.column_stack([law.columns for law in laws])
+    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    least = [0.0 if law.entry.kind.one_sided else -np.inf for law in laws for _ in law.entry.kind.strengths]
+    small = SMALLEST * np.eye(size.size)
+    fit = lsq_linear(
+        np.vstack([columns / size, small]), np.append(force, np.zeros(size.size)), bounds=(least, np.inf), method="bvls"
+    )
+    ends = np.cumsum([law.columns.shape[1] for law in laws])[:-1]
+    x = np.where(np.abs(fit.x) > SMALLEST * np.linalg.norm(force), fit.x, 0.0)
+    return np.split(x / size, ends), 2.0 * float(fit.cost)
+
+
+def _as_effects(
+    laws: Sequence[_LawForces], strengths: Sequence[np.ndarray], rest: Sequence[Effect]
+) -> tuple[Effect, ...]:
+    effects: list[Effect] = []
+    for law, own in zip(laws, strengths, strict=True):
+        effects.append(effect_of(law.entry, replace(law, expected_strength=own), (*rest, *effects)))
+    return tuple(effects)
