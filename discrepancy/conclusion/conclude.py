@@ -12,6 +12,7 @@ from discrepancy.conclusion.sentences import (
     answer,
     check_sentence,
     curve_statement,
+    laws_of_curve_sentence,
     manual_checks,
     outputs_far_above_noise,
     poor_fit_note,
@@ -119,6 +120,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     else:
         sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
+    sentences += _nearest_laws(state, by_evidence)
     sentences += [law.sentence] if law is not None and follows else []
     sentences += [u.sentence for u in uneven]
     sentences += [slow] if slow else []
@@ -241,6 +243,14 @@ def _accepted_curve(
         effect, stages[-1].identify, statement, p_value=last.p_value, delta_bic=last.delta_bic
     )
     return curve, force
+
+
+def _nearest_laws(state: SearchState, by_evidence: EvidenceSearch | None) -> list[str]:
+    """Return a sentence for every free curve of the answer on the laws that come nearest to it."""
+    if by_evidence is None or not any(e.definition.free_form for e in state.stages[-1].effects):
+        return []
+    found = state.if_simulated("which laws come nearest to the curve", by_evidence.laws_of_curves) or []
+    return [laws_of_curve_sentence(curve, laws) for curve, laws in found if laws]
 
 
 def _prior_conflict_warnings(state: SearchState, accepted: Sequence[AcceptedEffect]) -> list[str]:

@@ -10,9 +10,11 @@ from itertools import pairwise
 import numpy as np
 
 from discrepancy.conclusion.conclusion import HiddenEffect, NegligibleEffect
+from discrepancy.effects.effect import Effect
 from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.checks import Check
+from discrepancy.evidence.laws_of_a_curve import CurveLaws
 from discrepancy.evidence.posterior import Posterior
 from discrepancy.evidence.unknown_law import UNKNOWN
 from discrepancy.questions.explained_share import explained_share
@@ -24,6 +26,7 @@ __all__ = [
     "answer",
     "check_sentence",
     "curve_statement",
+    "laws_of_curve_sentence",
     "manual_checks",
     "outputs_far_above_noise",
     "percent_words",
@@ -300,6 +303,36 @@ def curve_statement(accepted: AcceptedEffect) -> str:
     alias = f" These records do not distinguish it from {ties[0].kind}." if ties else ""
     where = accepted.effect.where
     return f"The missing force at {where} is best described as {over}; no law of the catalogue fits as well.{alias}"
+
+
+def laws_of_curve_sentence(curve: Effect, laws: Sequence[CurveLaws]) -> str:
+    """Return which law, and which two, come nearest to a free curve, and how near.
+
+    Parameters
+    ----------
+    curve : Effect
+    laws : sequence of CurveLaws
+        Not empty.
+    """
+    of = "position, as a friction" if curve.over == "friction" else curve.over
+    single = next((each for each in laws if len(each.effects) == 1), None)
+    pair = next((each for each in laws if len(each.effects) == 2), None)
+    parts = []
+    if single is not None:
+        parts.append(f"{_law_words(single.effects[0])}, which is {percent_words(single.share)} of its mean square")
+    if pair is not None:
+        parts.append(f"{' with '.join(_law_words(e) for e in pair.effects)} ({percent_words(pair.share)})")
+    nearest = "; of two, ".join(parts)
+    return f"Of the laws of the catalogue the nearest to the force at {curve.where} over {of} is {nearest}."
+
+
+def _law_words(effect: Effect) -> str:
+    """Return a law in words, with the difference between its two directions where it has one."""
+    if not effect.definition.by_direction:
+        return kind_title(effect.kind)
+    (_, forward), (name, backward) = effect.strengths.items()
+    more = quantity_text(abs(forward - backward), effect.unit(name), 2)
+    return f"{kind_title(effect.kind)}, by {more} {'forwards' if forward > backward else 'backwards'}"
 
 
 def outputs_far_above_noise(stage: Stage) -> list[str]:

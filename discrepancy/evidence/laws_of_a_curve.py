@@ -17,12 +17,28 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.sensitivities.candidates import forces_along_motion
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
-__all__ = ["laws_of_curve"]
+__all__ = ["CurveLaws", "laws_of_curve"]
 
 #: Rows on which the force of a curve is compared with those of laws: many for each of its points, and soon done.
 ROWS = 4000
 #: Share of the largest singular value, or of a force, below which it is none but for rounding.
 SMALLEST = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveLaws:
+    """Laws that may stand in the place of a free curve.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        At the strengths at which they come nearest.
+    share : float
+        Of the mean square of the curve's force along the records, beside what is fitted anyway, that they are.
+    """
+
+    effects: tuple[Effect, ...]
+    share: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +83,7 @@ def laws_of_curve(
     entries: Sequence[Entry],
     fitted: Sequence[str],
     rest: Sequence[Effect],
-) -> list[tuple[Effect, ...]]:
+) -> list[CurveLaws]:
     """Return the laws, one or two at once, whose force comes nearest to that of a free curve along the motion.
 
     A curve takes the place of several laws at once, of which each alone may explain little, and what is random beside
@@ -88,8 +104,8 @@ def laws_of_curve(
 
     Returns
     -------
-    list of tuple of Effect
-        Best first, at the strengths that come nearest.
+    list of CurveLaws
+        The best single law and the best pairs.
     """
     motion = next((c for c in linearised.free_curves() if c.place.name == curve.where), None)
     own = [e for e in entries if e.where == curve.where and e.kind.linear and not has_memory(e.kind)]
@@ -116,7 +132,11 @@ def laws_of_curve(
     able.sort(key=lambda fit: fit[2])
     singles = [fit for fit in able if len(fit[0]) == 1][:1]
     pairs = [fit for fit in able if len(fit[0]) == 2][: POLICY.pairs]
-    return [_as_effects(group, strengths, rest) for group, strengths, _ in (*singles, *pairs)]
+    whole = float(left @ left)
+    return [
+        CurveLaws(effects=_as_effects(group, strengths, rest), share=1.0 - error / whole)
+        for group, strengths, error in (*singles, *pairs)
+    ]
 
 
 def _rows(linearised: LinearisedProblem) -> list[slice]:

@@ -246,7 +246,11 @@ def names_of_curves(model: TriedModel, entries: Sequence[Entry], room: int) -> l
     for curve in (e for e in effects if e.definition.free_form):
         rest = tuple(e for e in effects if e is not curve)
         laws = laws_of_curve(linearised, curve, entries, linearised.sensitivities().names, rest)
-        out += [Proposal(move="name a curve", effects=(*rest, *new)) for new in laws if len(new) <= room + 1]
+        out += [
+            Proposal(move="name a curve", effects=(*rest, *each.effects))
+            for each in laws
+            if len(each.effects) <= room + 1
+        ]
     return out
 
 

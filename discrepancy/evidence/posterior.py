@@ -262,7 +262,11 @@ def rivals_of(
 ) -> tuple[RivalExplanation, ...]:
     """Return the other explanations of an effect: the models with something else in its place, best first."""
     rest = set(best.key) - {name}
-    weights = {k: _Weight(m.total - m.log_odds, m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)}
+    weights = {
+        k: _Weight(m.total - m.log_odds, m.log_odds, k)
+        for k, m in models.items()
+        if math.isfinite(m.total) and (m.matters or m is best)
+    }
     fitted = set(weights)
     weights |= _twin_models(weights, proposals, final)
     rivals = []
