@@ -237,8 +237,9 @@ def _models_not_fitted(
 ) -> dict[tuple[str, ...], _Weight]:
     """Return the model that was taken with each of the candidates that were not fitted beside it.
 
-    Those that promised most were fitted, so none is better than the best of these.  One that the records do not ask for
-    is no answer of its own: its strength is zero within what they can tell.
+    Those that promised most were fitted, so none is better than the best of these.  Of those for which the records do
+    not ask, the ones remain that may still be of a size that matters: what the records cannot tell is as probable as it
+    was before.
     """
     base, count = weights[taken.key], len(taken.key)
     odds = base.odds + prior.log_probability_of_names(count + 1) - prior.log_probability_of_names(count)
@@ -248,7 +249,7 @@ def _models_not_fitted(
     more = {}
     for c in final.candidates:
         key = tuple(sorted([*taken.key, c.name]))
-        if c.gain > 0.0 and c.name not in taken.key and key not in weights and c.name not in negligible:
+        if math.isfinite(c.gain) and c.name not in taken.key and key not in weights and c.name not in negligible:
             more[key] = _Weight(min(base.data + c.gain, most), odds, key)
     return more
 

@@ -46,7 +46,7 @@ __all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose", 
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Candidates that explain what is taken for random, which are fitted in full, the noise anew: each costs seconds.
-REFITTED = 6
+REFITTED = 4
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
