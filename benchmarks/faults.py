@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from fault_cases import KINDS, can_mount, prepare, try_fault
+from run import commit
 from share_interval import share_interval
 
 HERE = Path(__file__).resolve().parent
@@ -41,7 +41,7 @@ def main() -> int:
     if "disk full" in counts and not can_mount():
         print("disk full: skipped, because a small disk can be made by the administrator of a Linux system only")
         del counts["disk full"]
-    commit = _commit()
+    version = commit()
     kept: dict[tuple[str, int], tuple[str, int, str]] = {}
     if given.keep and given.keep.exists():
         for line in given.keep.read_text(encoding="utf-8").splitlines():
@@ -61,7 +61,7 @@ def main() -> int:
                 kept[kind, k] = outcome.wrong, outcome.code, commit
                 if given.keep:
                     with given.keep.open("a", encoding="utf-8") as stream:
-                        stream.write(json.dumps([kind, k, outcome.wrong, outcome.code, commit]) + "\n")
+                        stream.write(json.dumps([kind, k, outcome.wrong, outcome.code, version]) + "\n")
                 if outcome.wrong:
                     print(f"{kind} {k}: {outcome.wrong}", flush=True)
     lines = _table(kept)
@@ -69,11 +69,6 @@ def main() -> int:
     if given.page:
         given.page.write_text(_page(lines, kept, given.seed), encoding="utf-8")
     return 1 if any(wrong for wrong, *_ in kept.values()) else 0
-
-
-def _commit() -> str:
-    shown = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
-    return shown.stdout.strip() or "unknown"
 
 
 def _table(kept: dict[tuple[str, int], tuple[str, int, str]]) -> list[str]:
@@ -87,7 +82,7 @@ def _table(kept: dict[tuple[str, int], tuple[str, int, str]]) -> list[str]:
             survived = sum(not wrong for wrong, *_ in outcomes)
             ends = Counter(f"signal {-code}" if code < 0 else f"exit code {code}" for _, code, _ in outcomes)
             how = ", ".join(f"{n} {end}" for end, n in sorted(ends.items()))
-            at = ", ".join(dict.fromkeys(commit for *_, commit in outcomes))
+            at = ", ".join(dict.fromkeys(at for *_, at in outcomes))
             share = share_interval(survived, len(outcomes))
             lines.append(f"| {kind} | {len(outcomes)} | {survived} | {share} | {how} | {at} |")
     return lines

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from run import machine
+from run import commit, machine
 
 from discrepancy.conclusion.sentences import kind_title, percent_words
 from multibody.base.quantity_text import quantity_text, two_quantities_text
@@ -67,7 +67,7 @@ def diagnosed(study: str, out: Path) -> Run:
     """Diagnose a study in a process of its own, whose progress is shown."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     words = [sys.executable, "-m", "vtsdt", "diagnose", str(EXAMPLES / f"{study}.toml"), "--out", str(out)]
-    begun, commit = time.monotonic(), _commit()
+    begun, version = time.monotonic(), commit()
     run = subprocess.Popen(words, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(run.pid, 0)
     run.returncode = os.waitstatus_to_exitcode(status)
@@ -77,7 +77,7 @@ def diagnosed(study: str, out: Path) -> Run:
         wall=time.monotonic() - begun,
         peak=1024.0 * used.ru_maxrss,
         code=run.returncode,
-        commit=commit,
+        commit=version,
         date=time.strftime("%Y-%m-%d"),
         diagnosis=needed(json.loads(written.read_text(encoding="utf-8"))) if written.exists() else None,
     )
@@ -90,11 +90,6 @@ def needed(diagnosis: dict[str, Any]) -> dict[str, Any]:
         *("predictive_checks", "checks", "disturbance", "unknown_law", "parameters", "units", "residual", "warnings"),
     )
     return {name: diagnosis[name] for name in names if name in diagnosis}
-
-
-def _commit() -> str:
-    words = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
 
 
 def page(runs: dict[str, Run]) -> str:

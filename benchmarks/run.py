@@ -15,6 +15,7 @@ import platform
 import random
 import re
 import statistics
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -216,6 +217,12 @@ writes their sections only. The entries of a table take turns; the ratio is to t
 the quartiles) of the ratios within each round. A ratio whose quartiles span 1 is no difference. What takes less than
 20 ms is called several times in a turn.
 """
+
+
+def commit() -> str:
+    """Return the program's commit, abbreviated; ``"unknown"`` outside a checkout."""
+    words = ["git", "-C", str(Path(__file__).resolve().parents[1]), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
 
 
 def section(group: Group, clock: str) -> str:

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from run import machine
+from run import commit, machine
 from scale_case import Case, write
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -128,7 +128,7 @@ def measured(case: Case, options: Sequence[str] = (), limit: float | None = None
             code=run.returncode,
             candidates=len(listed.stdout.splitlines()),
             limit=limit,
-            commit=_commit(),
+            commit=commit(),
             reached=_reached(said.read_text(encoding="utf-8")) if run.returncode else "",
         )
 
@@ -143,11 +143,6 @@ def _reached(said: str) -> str:
     """
     last = ([""] + [line for line in said.splitlines() if line.strip()])[-1]
     return re.sub(r"^ *[0-9.]+ s  | \(about [^()]* left\)$", "", last).replace("|", "\\|")
-
-
-def _commit() -> str:
-    words = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
 
 
 def _limited(seconds: float | None) -> None:
