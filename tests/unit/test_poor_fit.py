@@ -31,5 +31,5 @@ def stage_with(over_noise, over_spread):
         (1.5 * MORE_THAN_NOISE, 0.2 * LARGE_OVER_SPREAD, False),
     ],
 )
-def test_both_have_to_be_exceeded(stage_with, over_noise, over_spread, said):
+def test_both_have_to_be_exceeded(over_noise, over_spread, said):
     assert bool(poor_fit_note(stage_with(over_noise, over_spread), "nothing missing")) is said
