@@ -23,6 +23,7 @@ from discrepancy.conclusion.sentences import (
 )
 from discrepancy.effects.effect import unit_at
 from discrepancy.evidence.checks import Check, checks_by_output, predictive_checks
+from discrepancy.evidence.moves import key_of
 from discrepancy.evidence.posterior import Posterior, posterior
 from discrepancy.evidence.random_forces import RandomForces, random_forces_of, slow_force_sentence
 from discrepancy.evidence.search import EvidenceSearch
@@ -220,7 +221,7 @@ def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterio
     """Return how probable each answer is, for a search by evidence."""
     if by_evidence is None:
         return None
-    names = [str(e) for e in by_evidence.state.stages[-1].effects]
+    names = key_of(by_evidence.state.stages[-1].effects)
     start = by_evidence.start
     asked = start.proposals if start is not None else None
     taken = by_evidence.taken

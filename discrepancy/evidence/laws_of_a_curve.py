@@ -105,7 +105,7 @@ def laws_of_curve(
     Returns
     -------
     list of CurveLaws
-        The best single law and the best pairs.
+        The best single law, and the best pairs that differ in their force.
     """
     motion = next((c for c in linearised.free_curves() if c.place.name == curve.where), None)
     own = [e for e in entries if e.where == curve.where and e.kind.linear and not has_memory(e.kind)]
@@ -126,17 +126,17 @@ def laws_of_curve(
         if entry in fitted_laws or there & {entry.kind.name, *entry.kind.contains}:
             continue
         shapes = [law.beside(beside) for law in _in_shapes(linearised, entry, rows)]
-        laws.append(min(shapes, key=lambda law: _strengths([law], left)[1]))
-    fits = [(group, *_strengths(group, left)) for k in (1, 2) for group in itertools.combinations(laws, k)]
-    able = [(group, strengths, error) for group, strengths, error in fits if all(map(np.any, strengths))]
-    able.sort(key=lambda fit: fit[2])
-    singles = [fit for fit in able if len(fit[0]) == 1][:1]
-    pairs = [fit for fit in able if len(fit[0]) == 2][: POLICY.pairs]
+        laws.append(min(shapes, key=lambda law: _fitted([law], left).error))
+    groups = [*((law,) for law in laws), *itertools.combinations(laws, 2)]
+    fits = sorted((f for g in groups if (f := _fitted(g, left)).all_act), key=lambda f: f.error)
+    chosen: list[_Fit] = []
+    for fit in fits:
+        alike = [f for f in chosen if len(f.laws) == len(fit.laws)]
+        if len(alike) < (POLICY.rivals if len(fit.laws) > 1 else 1) and not any(_same(fit, f) for f in alike):
+            chosen.append(fit)
+    chosen.sort(key=lambda f: len(f.laws))
     whole = float(left @ left)
-    return [
-        CurveLaws(effects=_as_effects(group, strengths, rest), share=1.0 - error / whole)
-        for group, strengths, error in (*singles, *pairs)
-    ]
+    return [CurveLaws(effects=_as_effects(f, rest), share=1.0 - f.error / whole) for f in chosen]
 
 
 def _rows(linearised: LinearisedProblem) -> list[slice]:
@@ -171,10 +171,35 @@ def _orthonormal(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
     return base
 
 
-def _strengths(laws: Sequence[_LawForces], force: np.ndarray) -> tuple[list[np.ndarray], float]:
-    """Return the strengths at which laws come nearest to a force, and the sum of squares that is left.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Fit:
+    """Laws at the strengths at which they come nearest to a force, and what they leave of it.
 
-    They have the sign that their kind allows.  Where several do the same, they are the smallest that do.
+    Parameters
+    ----------
+    laws : tuple of _LawForces
+    strengths : tuple of ndarray
+    force : ndarray, shape (n,)
+        Their own.
+    error : float
+        Sum of squares that is left.
+    """
+
+    laws: tuple[_LawForces, ...]
+    strengths: tuple[np.ndarray, ...]
+    force: np.ndarray
+    error: float
+
+    @property
+    def all_act(self) -> bool:
+        """Whether each has a strength at all."""
+        return all(map(np.any, self.strengths))
+
+
+def _fitted(laws: Sequence[_LawForces], force: np.ndarray) -> _Fit:
+    """Fit laws to a force, with the sign that their kind allows.
+
+    Where several strengths do the same, they are the smallest that do.
     """
     columns = np.column_stack([law.columns for law in laws])
     size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
@@ -185,13 +210,19 @@ def _strengths(laws: Sequence[_LawForces], force: np.ndarray) -> tuple[list[np.n
     )
     ends = np.cumsum([law.columns.shape[1] for law in laws])[:-1]
     x = np.where(np.abs(fit.x) > SMALLEST * np.linalg.norm(force), fit.x, 0.0)
-    return np.split(x / size, ends), 2.0 * float(fit.cost)
+    own = (columns / size) @ x
+    error = float(np.sum((force - own) ** 2))
+    return _Fit(laws=tuple(laws), strengths=tuple(np.split(x / size, ends)), force=own, error=error)
 
 
-def _as_effects(
-    laws: Sequence[_LawForces], strengths: Sequence[np.ndarray], rest: Sequence[Effect]
-) -> tuple[Effect, ...]:
+def _same(one: _Fit, other: _Fit) -> bool:
+    """Tell whether two sums of laws are the same force along the motion."""
+    size = np.linalg.norm(one.force) * np.linalg.norm(other.force)
+    return bool(one.force @ other.force >= POLICY.same_direction * size)
+
+
+def _as_effects(fit: _Fit, rest: Sequence[Effect]) -> tuple[Effect, ...]:
     effects: list[Effect] = []
-    for law, own in zip(laws, strengths, strict=True):
+    for law, own in zip(fit.laws, fit.strengths, strict=True):
         effects.append(effect_of(law.entry, replace(law, expected_strength=own), (*rest, *effects)))
     return tuple(effects)

@@ -157,7 +157,8 @@ def _probability_of(
             break
         alternatives.append((other, p))
         total += p
-    return EffectProbability(kind=kind, where=where, probability=own, alternatives=tuple(alternatives))
+    place = where.partition(" over ")[0].partition(" #")[0]  # a free curve is named with its argument
+    return EffectProbability(kind=kind, where=place, probability=own, alternatives=tuple(alternatives))
 
 
 @dataclass(frozen=True)

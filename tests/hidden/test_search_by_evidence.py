@@ -51,7 +51,9 @@ def test_nothing_hidden_nothing_named(diagnosed):
     assert study.stage.effects == ()
     assert conclusion.verdict == "nothing missing"
     assert conclusion.probabilities is not None
-    assert conclusion.probabilities.nothing > 0.8
+    # effects that could hide in these records are as probable as before, each by itself hardly
+    assert conclusion.probabilities.nothing > 0.5
+    assert max(p for k, p in conclusion.probabilities.models.items() if k) < 0.1
 
 
 def test_every_model_that_was_tried_is_in_the_decisions(diagnosed, tmp_path):

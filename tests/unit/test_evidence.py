@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_st
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.posterior import posterior
 from discrepancy.stages.held_out_errors import gain_of_errors
+from discrepancy.statistics.verdicts import Verdict
 
 GAIN = Effect(kind="sensor_gain", where="speed", strengths={"gain": 0.1})
 OFFSET = Effect(kind="sensor_offset", where="speed", strengths={"offset": 0.1})
@@ -101,3 +103,17 @@ def test_what_could_not_be_named_is_said_where_it_is_probable() -> None:
     assert likely.nothing == pytest.approx(1.0 / (1.0 + math.exp(2.0)))
     assert "well enough to be named: 88 %, most probably a constant force at bearing (88 %)" in text
     assert "named" not in probability_sentence(posterior(by_key(tried(0.0), tried(-9.0, *names)), [], None))
+
+
+def test_what_the_records_cannot_tell_is_as_probable_as_before() -> None:
+    """Of three effects that were not fitted the records exclude one, bound one, and say nothing of the last."""
+    prior = ModelPrior(candidates=3, shapes={}, stated={})
+    rows = [SimpleNamespace(name="b@x", verdict=Verdict.NEGLIGIBLE)]
+    scored = [SimpleNamespace(name=n, gain=g) for n, g in (("a@x", -60.0), ("b@x", 0.0), ("c@x", 0.0))]
+    final = SimpleNamespace(candidates=scored, scan=SimpleNamespace(rows=rows), alike={})
+    result = posterior(by_key(tried(0.0)), [], None, final, prior)  # type: ignore[arg-type]
+    one = math.exp(prior.log_probability_of_names(1) - prior.log_probability_of_names(0))
+    assert result.models["c@x",] == pytest.approx(one / (1.0 + one), rel=1e-6)
+    assert result.models["a@x",] < 1e-8
+    assert ("b@x",) not in result.models
+    assert result.nothing == pytest.approx(1.0 / (1.0 + one), rel=1e-6)
