@@ -58,7 +58,7 @@ def main() -> int:
                     break
                 rng = np.random.default_rng([KINDS.index(kind), k, given.seed])  # each of its own: it may go on
                 outcome = try_fault(kind, bench, rng, Path(temporary) / "case")
-                kept[kind, k] = outcome.wrong, outcome.code, commit
+                kept[kind, k] = outcome.wrong, outcome.code, version
                 if given.keep:
                     with given.keep.open("a", encoding="utf-8") as stream:
                         stream.write(json.dumps([kind, k, outcome.wrong, outcome.code, version]) + "\n")
