@@ -17,6 +17,7 @@ from discrepancy.conclusion.sentences import (
     outputs_far_above_noise,
     poor_fit_note,
     probability_sentence,
+    stopped_early_warnings,
     title_of,
     verdict_of,
     warnings_about_effects,
@@ -102,6 +103,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     trends = state.if_simulated("whether parameters change along the records", lambda: _trends(state)) or ()
     warnings = [
         *problem.warnings,
+        *stopped_early_warnings(last),
         *_prior_conflict_warnings(state, accepted),
         *(n.sentence for n in noisy),
         *feedback_messages(feedback),

@@ -32,6 +32,7 @@ __all__ = [
     "percent_words",
     "poor_fit_note",
     "probability_sentence",
+    "stopped_early_warnings",
     "title_of",
     "title_of_rival",
     "warnings_about_effects",
@@ -378,6 +379,17 @@ def warnings_about_effects(stages: Sequence[Stage]) -> list[str]:
                 "output on those held out: do not trust it."
             )
     return warnings
+
+
+def stopped_early_warnings(stage: Stage) -> list[str]:
+    """Return a warning if the calibration of a stage was stopped before its end."""
+    if not stage.identify.stopped_early:
+        return []
+    return [
+        "Calibration was stopped at its limit of simulations before it had come to its end: the parameters, and what is "
+        "said of effects beside them, may be wrong. Fix parameters that these records do not tell apart, or state "
+        "better start values."
+    ]
 
 
 def manual_checks(stages: Sequence[Stage], hidden: Sequence[HiddenEffect]) -> tuple[str, ...]:

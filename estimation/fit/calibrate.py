@@ -26,6 +26,9 @@ __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 #: cost is of the order of the effective number of samples, so that the remaining decrease moves no parameter by more
 #: than a few hundredths of its deviation.
 FINAL_TOLERANCE, TRIAL_TOLERANCE = 1e-6, 1e-4
+#: Simulations of all records in a round, at most: an ordinary fit takes ten, one along a curved valley (a preload that
+#: both a stiffness and a start value make) a hundred; a trial that is not done by then is hardly worth more.
+EVALUATIONS, TRIAL_EVALUATIONS = 200, 40
 #: Rounds of a trial, and the logarithm of the change of an output's weight from which it takes another; chosen.
 TRIAL_ROUNDS, WEIGHT_CHANGE = 4, 0.2
 
@@ -42,7 +45,7 @@ def calibrate(
     own: Sequence[np.ndarray] | None = None,
     scale: Mapping[str, float] | None = None,
     rounds: int = 3,
-    max_evaluations: int = 40,
+    max_evaluations: int | None = None,
     hold: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Calibration:
@@ -73,8 +76,8 @@ def calibrate(
         again.
     rounds : int
         Rounds of weighting and fitting.
-    max_evaluations : int
-        Simulations of all records in a round, at most.
+    max_evaluations : int, optional
+        Simulations of all records in a round, at most; default 200, for a trial 40.
     hold : bool
         Keep the start values and the given ``scale``: the result of an earlier fit.
     progress : callable, optional
@@ -120,7 +123,7 @@ def calibrate(
             low[moving],
             high[moving],
             tolerance=FINAL_TOLERANCE if final else TRIAL_TOLERANCE,
-            max_evaluations=max_evaluations,
+            max_evaluations=max_evaluations or (TRIAL_EVALUATIONS if trial else EVALUATIONS),
             confirm=final,
         )
         theta = full(solution.x)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimation.fit.least_squares import AT_LIMIT
 from estimation.response.experiment import Experiment, Response
 
 if TYPE_CHECKING:
@@ -101,6 +102,11 @@ class Calibration:
     confounded: tuple[tuple[str, ...], ...] = ()
     message: str = ""
     evaluations: int = 0
+
+    @property
+    def stopped_early(self) -> bool:
+        """Whether the fit was stopped at its limit of simulations, before its end."""
+        return self.message == AT_LIMIT
 
     def __getitem__(self, name: str) -> float:
         for parameter, value in zip(self.parameters, self.values, strict=True):

@@ -17,7 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Piece", "Solution", "solve", "step_within"]
+__all__ = ["AT_LIMIT", "Piece", "Solution", "solve", "step_within"]
+
+AT_LIMIT = "reached the largest number of simulations"  # message of a fit that was stopped before its end
 
 POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
@@ -140,7 +142,7 @@ def solve(
                     x=x,
                     cost=current,
                     evaluations=evaluations,
-                    message="reached the largest number of simulations",
+                    message=AT_LIMIT,
                     jacobians=jacobians,
                 )
             errors = residuals(trial)
