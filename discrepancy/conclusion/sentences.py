@@ -386,8 +386,8 @@ def stopped_early_warnings(stage: Stage) -> list[str]:
     if not stage.identify.stopped_early:
         return []
     return [
-        "Calibration was stopped at its limit of simulations before it had come to its end: the parameters, and what is "
-        "said of effects beside them, may be wrong. Fix parameters that these records do not tell apart, or state "
+        "Calibration was stopped at its limit of simulations before it had come to its end: the parameters, and what "
+        "is said of effects beside them, may be wrong. Fix parameters that these records do not tell apart, or state "
         "better start values."
     ]
 
