@@ -457,8 +457,9 @@ class EvidenceSearch:
         """Drop effects that predict nothing of the records held out better, or some output worse, one after another.
 
         They may be there: the evidence for them stands in the probabilities.  They are not announced, because the model
-        predicts nothing better with them.  Where forces that nobody recorded make most of an output's error, its square
-        hardly shows an effect; the log predictive score knows these forces.
+        predicts nothing better with them.  Of several the one goes first that the evidence asks for least: of two that
+        stand for each other, either is idle beside the other.  Where forces that nobody recorded make most of an
+        output's error, its square hardly shows an effect; the log predictive score knows these forces.
         """
         state = self.state
         while best.key and best.likelihood is not None and state.problem.validate:
@@ -480,9 +481,8 @@ class EvidenceSearch:
                     helps = score.exceeds(POLICY.predictive_errors)
                 if helps and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue
-                most = float(gain.share.max())
-                if weakest is None or most < weakest[0]:
-                    weakest = most, model, dropped
+                if weakest is None or model.total > weakest[0]:
+                    weakest = model.total, model, dropped
             if weakest is None:
                 return best
             best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better")
