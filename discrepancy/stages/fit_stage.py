@@ -115,7 +115,6 @@ def fitted_stage(
         sensors=sensors,
         base=base,
         scale=scale,
-        max_evaluations=20 if trial else 40,
     )
     shapes = _shapes_never_fitted(effects, begin) if values is None else frozenset()
     if shapes:
