@@ -84,6 +84,8 @@ class TriedModel:
         What follows the machine's state beside it, once that has been asked.
     at_likeliest : bool
         Whether its parameters are those of largest likelihood and no longer of least squares.
+    counts_for : tuple of str or None
+        Model whose probability its own is part of, where it does not matter; None: the one that it was made of.
     """
 
     likelihood: StageLikelihood | None
@@ -100,10 +102,16 @@ class TriedModel:
     taken: bool = False
     unknown_law: UnknownLaw | None = None
     at_likeliest: bool = False
+    counts_for: tuple[str, ...] | None = None
 
-    def refuse(self, why: str) -> None:
-        """Note that the model is not taken although the evidence is for it: the difference does not matter."""
+    def refuse(self, why: str, instead: TriedModel | None = None) -> None:
+        """Note that the model is not taken although the evidence is for it: the difference does not matter.
+
+        Its probability is that of the model that stays instead; by default of the one that it was made of.
+        """
         self.outcome, self.better, self.matters = why, False, False
+        if instead is not None:
+            self.counts_for = instead.key
 
     @property
     def stage(self) -> Stage:

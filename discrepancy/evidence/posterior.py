@@ -188,8 +188,13 @@ def _of_what_matters(
     taken = tuple(sorted(found))
     for key, value in logs.items():
         model = models.get(weights[key].of)
-        while model is not None and model.parent is not None and not model.matters and key != taken:
-            key, model = model.parent, models.get(model.parent)
+        passed: set[tuple[str, ...]] = set()
+        while model is not None and not model.matters and key != taken and model.key not in passed:
+            passed.add(model.key)
+            other = model.counts_for if model.counts_for is not None else model.parent
+            if other is None:
+                break
+            key, model = other, models.get(other)
         out[key] = out.get(key, 0.0) + math.exp(value - most) / whole
     return out
 

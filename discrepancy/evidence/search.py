@@ -435,7 +435,7 @@ class EvidenceSearch:
             if weakest is None:
                 return best
             state.progress(weakest[2])
-            best.refuse(weakest[2])
+            best.refuse(weakest[2], weakest[1])
             best = weakest[1]
         return best
 
@@ -485,7 +485,7 @@ class EvidenceSearch:
                     weakest = model.total, model, dropped
             if weakest is None:
                 return best
-            best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better")
+            best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better", weakest[1])
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])
             best = weakest[1]

@@ -117,3 +117,18 @@ def test_what_the_records_cannot_tell_is_as_probable_as_before() -> None:
     assert result.models["a@x",] < 1e-8
     assert ("b@x",) not in result.models
     assert result.nothing == pytest.approx(1.0 / (1.0 + one), rel=1e-6)
+
+
+def test_a_model_that_lost_an_effect_counts_for_what_is_left_of_it() -> None:
+    """The second effect was not confirmed: the first, which stays, is as probable as both were together."""
+    both, first = tried(100.0, "a@x", "b@x", parent=("b@x",)), tried(60.0, "a@x", parent=("a@x", "b@x"))
+    both.refuse("b@x is not announced", first)
+    result = posterior(by_key(tried(0.0), tried(50.0, "b@x", parent=()), both, first), ["a@x"], None)
+    assert result.effects[0].probability > 0.99
+
+
+def test_models_that_count_for_each_other_end() -> None:
+    one, other = tried(10.0, "a@x", parent=("b@x",)), tried(9.0, "b@x", parent=("a@x",))
+    one.refuse("", other)
+    other.refuse("", one)
+    assert sum(posterior(by_key(tried(0.0), one, other), [], None).models.values()) == pytest.approx(1.0)
