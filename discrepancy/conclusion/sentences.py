@@ -316,15 +316,18 @@ def laws_of_curve_sentence(curve: Effect, laws: Sequence[CurveLaws]) -> str:
         Not empty.
     """
     of = "position, as a friction" if curve.over == "friction" else curve.over
-    single = next((each for each in laws if len(each.effects) == 1), None)
-    pair = next((each for each in laws if len(each.effects) == 2), None)
-    parts = []
-    if single is not None:
-        parts.append(f"{_law_words(single.effects[0])}, which is {percent_words(single.share)} of its mean square")
-    if pair is not None:
-        parts.append(f"{' with '.join(_law_words(e) for e in pair.effects)} ({percent_words(pair.share)})")
-    nearest = "; of two, ".join(parts)
-    return f"Of the laws of the catalogue the nearest to the force at {curve.where} over {of} is {nearest}."
+    text = ""
+    for count in (1, 2):
+        nearest = next((each for each in laws if len(each.effects) == count), None)
+        if nearest is None:
+            continue
+        names = " together with ".join(_law_words(e) for e in nearest.effects)
+        share = f"{percent_words(nearest.share)} of its mean square"
+        if not text:
+            text = f"The force at {curve.where} over {of} is nearest to {names}, which accounts for {share}"
+        else:
+            text += f"; of two laws, to {names} ({percent_words(nearest.share)})"
+    return f"{text}."
 
 
 def _law_words(effect: Effect) -> str:
@@ -333,7 +336,7 @@ def _law_words(effect: Effect) -> str:
         return kind_title(effect.kind)
     (_, forward), (name, backward) = effect.strengths.items()
     more = quantity_text(abs(forward - backward), effect.unit(name), 2)
-    return f"{kind_title(effect.kind)}, by {more} {'forwards' if forward > backward else 'backwards'}"
+    return f"{kind_title(effect.kind)} ({more} more {'forwards' if forward > backward else 'backwards'})"
 
 
 def outputs_far_above_noise(stage: Stage) -> list[str]:

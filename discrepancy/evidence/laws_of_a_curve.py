@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import orth
 from scipy.optimize import lsq_linear
 
 from discrepancy.effects.catalogue import Entry
@@ -14,10 +15,11 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of
 from discrepancy.effects.law_along_motion import has_memory
 from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.proposals import parameter_of_same_law
 from discrepancy.sensitivities.candidates import forces_along_motion
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
-__all__ = ["CurveLaws", "laws_of_curve"]
+__all__ = ["CurveLaws", "laws_of_curve", "laws_of_curves"]
 
 #: Rows on which the force of a curve is compared with those of laws: many for each of its points, and soon done.
 ROWS = 4000
@@ -77,6 +79,18 @@ class _LawForces:
         return self.entry.where
 
 
+def laws_of_curves(
+    linearised: LinearisedProblem, effects: Sequence[Effect], entries: Sequence[Entry]
+) -> list[tuple[Effect, tuple[Effect, ...], list[CurveLaws]]]:
+    """Return each free curve of a model, what the model has beside it, and the laws that come nearest to it."""
+    fitted = linearised.sensitivities().names
+    found = []
+    for curve in (e for e in effects if e.definition.free_form):
+        rest = tuple(e for e in effects if e is not curve)
+        found.append((curve, rest, laws_of_curve(linearised, curve, entries, fitted, rest)))
+    return found
+
+
 def laws_of_curve(
     linearised: LinearisedProblem,
     curve: Effect,
@@ -113,12 +127,9 @@ def laws_of_curve(
         return []
     rows = _rows(linearised)
     force = np.concatenate([f[r] for f, r in zip(motion.forces_of(curve), rows, strict=True)])
-    place = motion.place
-    of_machine = {
-        name: e for e in own for part in (place.name, *place.also) for n in e.kind.same_law if (name := f"{part}.{n}")
-    }
-    fitted_laws = [e for name, e in of_machine.items() if name in fitted]
-    beside = _orthonormal([_in_shapes(linearised, e, rows)[0].columns for e in fitted_laws], force.size)
+    fitted_laws = [e for e in own if parameter_of_same_law(e, fitted)]
+    parameters = [_in_shapes(linearised, e, rows)[0].columns for e in fitted_laws]
+    beside = orth(np.hstack(parameters), rcond=SMALLEST) if parameters else np.zeros((force.size, 0))
     left = force - beside @ (beside.T @ force)
     there = {e.kind for e in rest if e.where == curve.where}
     laws = []
@@ -160,15 +171,6 @@ def _in_shapes(linearised: LinearisedProblem, entry: Entry, rows: Sequence[slice
         for k in range(len(shapes))
     ]
     return [_LawForces(entry=entry, shape=s, columns=c) for s, c in zip(shapes, joined, strict=True)]
-
-
-def _orthonormal(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
-    """Return an orthonormal base of some columns, without directions that are none but for rounding."""
-    if not columns:
-        return np.zeros((rows, 0))
-    u, s, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
-    base: np.ndarray = u[:, s > SMALLEST * s[0]]
-    return base
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

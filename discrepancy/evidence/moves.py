@@ -13,7 +13,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import contained, effect_of
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.criterion import Evidence
-from discrepancy.evidence.laws_of_a_curve import laws_of_curve
+from discrepancy.evidence.laws_of_a_curve import laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import changed_share, simulation_gain
@@ -249,17 +249,12 @@ def names_of_curves(model: TriedModel, entries: Sequence[Entry], room: int) -> l
         Effects that a model may have more.
     """
     assert model.likelihood is not None
-    linearised, effects = model.likelihood.linearised, model.stage.effects
-    out = []
-    for curve in (e for e in effects if e.definition.free_form):
-        rest = tuple(e for e in effects if e is not curve)
-        laws = laws_of_curve(linearised, curve, entries, linearised.sensitivities().names, rest)
-        out += [
-            Proposal(move="name a curve", effects=(*rest, *each.effects))
-            for each in laws
-            if len(each.effects) <= room + 1
-        ]
-    return out
+    return [
+        Proposal(move="name a curve", effects=(*rest, *named.effects))
+        for _, rest, laws in laws_of_curves(model.likelihood.linearised, model.stage.effects, entries)
+        for named in laws
+        if len(named.effects) <= room + 1
+    ]
 
 
 def drops(model: TriedModel) -> list[Proposal]:

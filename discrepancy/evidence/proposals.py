@@ -39,7 +39,15 @@ from discrepancy.statistics.whitened import WhitenedProblem, whiten_all
 from discrepancy.statistics.whitening import identity
 from multibody.base.quantity_text import count_text
 
-__all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose", "proposed_effects"]
+__all__ = [
+    "Proposal",
+    "Proposals",
+    "ScoredCandidate",
+    "entries_of",
+    "parameter_of_same_law",
+    "propose",
+    "proposed_effects",
+]
 
 
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
@@ -244,7 +252,7 @@ def propose(
     entries = entries_of(stage, include, exclude)
     present = {str(e) for e in stage.effects}
     entries = [e for e in entries if e.name not in present or e.kind.name in REPEATABLE]
-    same_law = {e.name: name for e in entries if (name := _parameter_of_same_law(e, plain.sensitivities().names))}
+    same_law = {e.name: name for e in entries if (name := parameter_of_same_law(e, plain.sensitivities().names))}
     asked = [e for e in entries if e.name not in same_law]
     raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {count_text(len(raw), 'candidate')}")
@@ -286,7 +294,7 @@ def propose(
     )
 
 
-def _parameter_of_same_law(entry: Entry, fitted: Sequence[str]) -> str:
+def parameter_of_same_law(entry: Entry, fitted: Sequence[str]) -> str:
     """Return the fitted parameter of the machine that is the strength of an entry's law at its place; empty if none is.
 
     Two dry frictions between the same two parts are one dry friction.
@@ -424,9 +432,11 @@ def gain_of_both(one: np.ndarray, other: np.ndarray, residual: np.ndarray) -> fl
 def _in_place_of_random(
     likelihood: StageLikelihood, own: _Scoring, progress: Callable[[str], None]
 ) -> tuple[tuple[ScoredCandidate, ...], ...]:
-    """Return the candidates, or pairs, that do best what the latent processes of the noise do, the best of them first.
+    """Return the candidates, or pairs, that do what the latent processes of the noise do.
 
-    They are sought without each of the processes, and without all of them; two at once only where one does not do.
+    They are sought without each of the processes, and without all of them, and come in turns: the best for each, the
+    second best, and so on.  A candidate must regain the usual share, less the error of a linear gain; two at once are
+    sought only where none does.
     What a parameter of the model stands for is decided there too: beside a process that does the same as a candidate,
     what is left of it looks like anything.
     What a large effect leaves of the residual in the linearised problem says little of what it leaves in truth, so only

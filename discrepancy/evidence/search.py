@@ -11,7 +11,7 @@ import numpy as np
 
 from discrepancy.evidence import moves
 from discrepancy.evidence.criterion import ModelPrior, log_evidence
-from discrepancy.evidence.laws_of_a_curve import CurveLaws, laws_of_curve
+from discrepancy.evidence.laws_of_a_curve import CurveLaws, laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
@@ -236,14 +236,9 @@ class EvidenceSearch:
         likelihood = self.likelihood
         if likelihood is None:
             return []
-        effects, entries = likelihood.stage.effects, self._entries(likelihood.stage)
-        names = likelihood.linearised.sensitivities().names
-        curves = [e for e in effects if e.definition.free_form]
-        rests = [tuple(e for e in effects if e is not curve) for curve in curves]
-        return [
-            (curve, laws_of_curve(likelihood.linearised, curve, entries, names, rest))
-            for curve, rest in zip(curves, rests, strict=True)
-        ]
+        stage = likelihood.stage
+        found = laws_of_curves(likelihood.linearised, stage.effects, self._entries(stage))
+        return [(curve, laws) for curve, _, laws in found]
 
     def _rival_effects(self, model: TriedModel) -> dict[str, list[Proposal]]:
         """Return what else may stand in the place of each effect of a model: the candidates of the model without it."""

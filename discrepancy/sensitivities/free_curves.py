@@ -8,7 +8,7 @@ sensitivities of all curves at all places are computed together
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,12 +100,15 @@ class FreeCurves:
 
     def forces_of(self, curve: Effect) -> list[np.ndarray]:
         """Return the force of a free curve at this place along every record."""
-        of_curve = next(a for (over, *_), a in zip(self.ranges, self.arguments, strict=True) if over == curve.over)
-        heights = [np.interp(x, curve.knots, tuple(curve.strengths.values())) for x in of_curve]
-        if curve.over != "friction":
-            return heights
-        v_s = curve.shape["v_s"]
-        return [-z * np.tanh(v / v_s) for z, v in zip(heights, self.speeds, strict=True)]
+        k = next(k for k, (over, *_) in enumerate(self.ranges) if over == curve.over)
+        own = replace(
+            self,
+            v_s=curve.shape.get("v_s", self.v_s),
+            ranges=[(curve.over, curve.shape["low"], curve.shape["high"])],
+            arguments=[self.arguments[k]],
+        )
+        heights = np.array(list(curve.strengths.values()))
+        return [np.column_stack([p.values for p in own.perturbations(i)]) @ heights for i in range(len(self.speeds))]
 
     def candidates(self, store: ArrayStore, numbers: Sequence[Sequence[int]]) -> list[Candidate]:
         """Return a candidate for each curve.

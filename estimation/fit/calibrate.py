@@ -27,7 +27,7 @@ __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 #: than a few hundredths of its deviation.
 FINAL_TOLERANCE, TRIAL_TOLERANCE = 1e-6, 1e-4
 #: Simulations of all records in a round, at most: an ordinary fit takes ten, one along a curved valley (a preload that
-#: both a stiffness and a start value make) a hundred; a trial that is not done by then is hardly worth more.
+#: both a stiffness and a start value make) a hundred.  A trial is stopped earlier: one of many.
 EVALUATIONS, TRIAL_EVALUATIONS = 200, 20
 #: Rounds of a trial, and the logarithm of the change of an output's weight from which it takes another; chosen.
 TRIAL_ROUNDS, WEIGHT_CHANGE = 4, 0.2
@@ -77,7 +77,7 @@ def calibrate(
     rounds : int
         Rounds of weighting and fitting.
     max_evaluations : int, optional
-        Simulations of all records in a round, at most; default 200, for a trial 20.
+        Simulations of all records in a round, at most; default: `EVALUATIONS`, for a trial `TRIAL_EVALUATIONS`.
     hold : bool
         Keep the start values and the given ``scale``: the result of an earlier fit.
     progress : callable, optional

@@ -66,5 +66,5 @@ def test_what_the_model_has_is_not_proposed_again(linearised, entries):
 def test_the_sentence_gives_law_direction_and_share(linearised, entries):
     curve = curve_of(linearised, lambda v: -5.0 * min(v, 0.0))
     sentence = laws_of_curve_sentence(curve, laws_of_curve(linearised, curve, entries, ["guide.viscous"], ()))
-    assert "viscous friction that differs with direction, by 5" in sentence
-    assert "backwards, which is over 99 % of its mean square" in sentence
+    assert "is nearest to viscous friction that differs with direction (5" in sentence
+    assert " more backwards), which accounts for over 99 % of its mean square" in sentence
