@@ -16,7 +16,7 @@ from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.laws_of_a_curve import laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.predictive import changed_share, simulation_gain
+from discrepancy.evidence.predictive import changed_share, shift_over_noise, simulation_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, ScoredCandidate, entries_of, proposed_effects
 from discrepancy.evidence.unknown_law import UnknownLaw
 from discrepancy.sensitivities.free_curve_scan import scan_free_curves
@@ -136,14 +136,22 @@ class TriedModel:
 
     def is_more_probable_than(self, other: TriedModel) -> bool:
         """Tell whether the model is more probable than another, in the probabilities that are shown."""
-        odds = self.log_odds - other.log_odds
-        return (self.total - other.total - odds) / POLICY.temperature + odds > 0.0
+        return self._log_weight(0.0, 0.0) > other._log_weight(0.0, 0.0)
 
     @property
-    def total_with_law(self) -> float:
-        """Log evidence with what follows the machine's state, if that is announced; else without."""
+    def log_weight_with_law(self) -> float:
+        """Log weight among the shown probabilities, with what follows the machine's state if that is announced."""
         law = self.unknown_law
-        return self.total + (law.gain if law is not None and law.announced else 0.0)
+        return (
+            self._log_weight(law.gain, law.log_odds)
+            if law is not None and law.announced
+            else self._log_weight(0.0, 0.0)
+        )
+
+    def _log_weight(self, gain: float, log_odds: float) -> float:
+        """Return the log weight with something more that gains so much, its log prior odds included."""
+        odds = self.log_odds + log_odds
+        return (self.total + gain - odds) / POLICY.temperature + odds
 
     def to_dict(self) -> dict[str, object]:
         """Return it as it stands in decisions.json."""
@@ -313,13 +321,13 @@ def matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
 
 
 def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
-    """Return why an effect makes no prediction better that one could see; an empty text if it may.
+    """Return why the effects that a model has more do not matter; an empty text if they do.
 
-    It must change some output by a share of its error that one could see, or the prediction of all of them from sample
-    to sample by as much; the records left out must not show that it is no improvement, and none may be made worse.  How
-    sure it is that there is an improvement at all is for the log predictive score to say, which knows the unrecorded
-    forces: where these make most of the error of a simulation, its square hardly shows an effect of a tenth of that,
-    and be it certain.
+    Each must move some output by the noise of its sensor, at one instant at least, or make predictions from sample to
+    sample better by a share that one could see.  Where it changes a share of an output's error that one could see, the
+    records left out must not show that this is no improvement, and none may be made worse.  How sure it is that there
+    is an improvement at all is for the log predictive score to say, which knows the unrecorded forces: where these make
+    most of the error of a simulation, its square hardly shows an effect of a tenth of that, and be it certain.
     """
     assert model.likelihood is not None
     assert parent.likelihood is not None
@@ -329,9 +337,11 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
         return f"some output of records left out is simulated worse (square error gone: {gain})"
     if matters_to_prediction(model, parent):
         return ""
-    share = changed_share(model.stage, parent.stage)
-    if not np.any(share >= POLICY.relevance):
-        return f"it changes no output by {100 * POLICY.relevance:.0f} % of its mean square error"
-    if np.all((share < POLICY.relevance) | gain.rules_out(POLICY.relevance, errors)):
+    had = {str(e) for e in parent.stage.effects}
+    for effect in model.stage.effects:
+        if str(effect) not in had and shift_over_noise(model.likelihood, effect) < 1.0:
+            return f"{effect} moves no output by the noise of its sensor"
+    shown = changed_share(model.stage, parent.stage) >= POLICY.relevance
+    if np.any(shown) and np.all(~shown | gain.rules_out(POLICY.relevance, errors)):
         return f"records left out are not simulated better (square error gone: {gain})"
     return ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from discrepancy.effects.effect import Effect
 from discrepancy.evidence.likelihood import StageLikelihood, linear_records, noise_floor, record_columns
 from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.noise_fit import RecordColumns, prior_precision
@@ -24,6 +25,7 @@ __all__ = [
     "held_out_gain",
     "predictive_gain",
     "scores_of_blocks",
+    "shift_over_noise",
     "simulation_gain",
 ]
 
@@ -85,6 +87,20 @@ def changed_share(one: Stage, other: Stage) -> np.ndarray:
     after = np.concatenate([f.residual for f in one.identify.fits])
     share: np.ndarray = np.mean((after - before) ** 2, axis=0) / np.maximum(np.mean(before**2, axis=0), 1e-300)
     return share
+
+
+def shift_over_noise(likelihood: StageLikelihood, effect: Effect) -> float:
+    """Return by how many standard deviations of a sensor's noise an effect moves an output, at most.
+
+    That is at the instant and of the output where it is most, with all else as it is: the same measure as that of the
+    strength that matters in a scan.
+    """
+    linearised = likelihood.linearised
+    sens, given = linearised.sensitivities(), linearised.preparation
+    own = {effect.parameter_name(k): v for k, v in effect.strengths.items()}
+    moved = np.array([own.get(n, 0.0) for n in sens.names])
+    noise = noise_floor(linearised) * np.sqrt(given.average * given.decimate)  # of one recorded sample
+    return max(float(np.max(np.abs(block @ moved) / noise)) for block in sens.blocks)
 
 
 def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
@@ -236,6 +252,6 @@ def _left_out(
     """Yield for each block, its residual and columns in standard deviations, what the others say of the parameters."""
     whole, right, size = _normal_equations(blocks, prior_std, prior_offset)
     for e, f in blocks:
-        own = f.T @ f / np.outer(size, size)
-        normal = whole / np.outer(size, size) - own + KEPT * np.diag(np.diag(own)) + RIDGE * np.eye(size.size)
-        yield _Known(change=np.linalg.solve(normal, (right - f.T @ e) / size) / size, normal=normal, size=size)
+        rest, left = whole - (1.0 - KEPT) * f.T @ f, right - (1.0 - KEPT) * f.T @ e
+        normal = rest / np.outer(size, size) + RIDGE * np.eye(size.size)
+        yield _Known(change=np.linalg.solve(normal, left / size) / size, normal=normal, size=size)

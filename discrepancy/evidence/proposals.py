@@ -58,6 +58,11 @@ REFITTED = 4
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
+#: What is steady of a random force, or of a random error of a recorded input or an output.
+MEANS = ("constant_force", "input_offset", "sensor_offset")
+#: Memory of a latent process, over the longest record, from which its mean cannot be told from it: ten memories tell
+#: the mean to a third of the process's standard deviation.
+LONG_MEMORY = 0.1
 
 
 def entries_of(stage: Stage, include: Sequence[str] = ("*",), exclude: Sequence[str] = ()) -> list[Entry]:
@@ -439,6 +444,7 @@ def _in_place_of_random(
     sought only where none does.
     What a parameter of the model stands for is decided there too: beside a process that does the same as a candidate,
     what is left of it looks like anything.
+    The mean of a process with a long memory is listed besides: a process is taken to have none, and grows to hold it.
     What a large effect leaves of the residual in the linearised problem says little of what it leaves in truth, so only
     a fit tells what is random beside it.
     """
@@ -460,7 +466,11 @@ def _in_place_of_random(
     for explanation in (e for turn in itertools.zip_longest(*by_loss) for e in turn if e):
         if not any(_do_the_same(explanation, other) for other in leaders):
             leaders.append(explanation)
-    return tuple(leaders[:REFITTED])
+    leaders = leaders[:REFITTED]
+    slow = [q for q in model.processes if q.memory > LONG_MEMORY * likelihood.duration]
+    means = {f"{kind}@{q.where}" for q in slow for kind in MEANS}
+    steady = [(c,) for c in own.ranked if c.name in means and np.any(c.expected_strength)]
+    return (*leaders, *(each for each in steady if not any(_do_the_same(each, other) for other in leaders)))
 
 
 def _do_the_same(one: Sequence[ScoredCandidate], other: Sequence[ScoredCandidate]) -> bool:

@@ -153,6 +153,18 @@ class EvidenceSearch:
                 self._with_noise_of(parent, child)
         return bool(better)
 
+    def _share_noise_of_simpler(self, model: TriedModel) -> None:
+        """Fit the noise of a model once more, from that of the best with fewer of its effects, if it lies far below.
+
+        Its effects may all be nearly zero, so it is as likely as that but for the price of their names.  One that is
+        made by an exchange or by dropping an effect begins with the random forces found beside what it no longer has,
+        and may lack one that stands for that.
+        """
+        simpler = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(model.key)]
+        best = max(simpler, key=lambda m: m.total, default=model)
+        if best.total > model.total + POLICY.reach:
+            self._with_noise_of(best, model)
+
     def _with_noise_of(self, source: TriedModel, model: TriedModel) -> bool:
         """Fit the noise of a model once more, from that of another; tell whether it is likelier."""
         if source.likelihood is None or model.likelihood is None:
@@ -287,6 +299,8 @@ class EvidenceSearch:
                     if stage is None:
                         stage = self._likeliest_near_expected(model, proposal, parent)
                     likelihood = source.neighbour(stage, proposal.noise, from_white=proposal.new_noise)
+                    if proposal.new_noise:  # as rich as that of the model that is extended
+                        likelihood = likelihood.with_richer_noise()
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
                     if model.at_likeliest and evidence.total - parent.total > _most_believed(proposal.promised):
@@ -319,6 +333,7 @@ class EvidenceSearch:
         """Judge models that were fitted, and let them be among those that were tried."""
         self._share_noise(sorted(trials, key=lambda m: -m.total)[: POLICY.beam], parent, trials)
         for model in trials:
+            self._share_noise_of_simpler(model)
             if model.likelihood is not None:
                 self._judge(model, parent)
             self.models[model.key] = model
@@ -529,8 +544,8 @@ class EvidenceSearch:
         rivals = list({m.key: m for m in (best, *fewer, *([self.start] if self.start else []))}.values())
         for model in rivals:
             self._ask_for_unknown_law(model)
-        likeliest = max(rivals, key=lambda m: m.total_with_law)
-        if likeliest is best or likeliest.total_with_law <= best.total_with_law:
+        likeliest = max(rivals, key=lambda m: m.log_weight_with_law)
+        if likeliest is best or likeliest.log_weight_with_law <= best.log_weight_with_law:
             return best
         law = likeliest.unknown_law
         assert law is not None

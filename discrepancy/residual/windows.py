@@ -45,6 +45,8 @@ MOST_TRANSIENT = 100.0
 state is as large as the spread of an output, and no simulation follows from then on."""
 NOISE_FACTOR = 10.0
 """A simulation of the whole record is useless when the noise of an input alone reaches ten times an output's noise."""
+END = 10
+"""Part of a record, the tenth, that is its end."""
 WINDOW_NOISE = 3.0
 LEAST_SAMPLES = 20
 MOST_UNKNOWNS = 2000
@@ -95,9 +97,12 @@ class ErrorGrowth:
 
     @property
     def is_forgotten(self) -> bool:
-        """True where an error of the initial state is a transient: it stays bounded and dies out by mid-record."""
-        later = self.start[self.start.size // 2 :]
-        return bool(np.max(self.start, initial=0.0) < MOST_TRANSIENT and np.max(later, initial=0.0) < 1.0)
+        """True where an error of the initial state is a transient: it stays bounded, and has died out at the end.
+
+        When in the record that happens says nothing: dry friction keeps an error until the machine first moves.
+        """
+        end = self.start[-max(self.start.size // END, 1) :]
+        return bool(np.max(self.start, initial=0.0) < MOST_TRANSIENT and np.max(end, initial=0.0) < 1.0)
 
     def until(self, factor: float, noise: float) -> float:
         """Return the time at which errors exceed a factor, or noise exceeds its own, s; infinite if never."""

@@ -374,3 +374,13 @@ def test_weighted_noise_of_a_force_is_white():
     # 60 draws: the standard deviation is known to 9 %, three of these around 1
     assert np.sqrt(np.mean(weights(deviation) ** 2)) / noise[0] == pytest.approx(1.0, abs=0.1)
     assert np.std(after) < 1.4
+
+
+@pytest.mark.parametrize(("at_the_end", "forgotten"), [(0.1, True), (3.0, False)])
+def test_an_error_that_has_died_out_at_the_end_is_forgotten(at_the_end, forgotten):
+    """As on a slide that dry friction holds until it first moves, late in the record."""
+    time = np.linspace(0.0, 3.0, 300)
+    start = np.where(time < 1.0, 1.0 + 7.0 * time, np.where(time < 2.5, 40.0, at_the_end))
+    growth = ErrorGrowth(time=time, start=start, inputs=np.zeros(300))
+    assert growth.is_forgotten is forgotten
+    assert np.isinf(growth.within) == forgotten
