@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
+from discrepancy.innovations.fewer_states import with_fewer_states
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
 from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, fit_noise, likeliest_change
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
@@ -32,6 +33,8 @@ __all__ = [
 #: Samples × outputs of all records that a likelihood is computed of.  Where there are more, means over several samples
 #: are taken: white noise stays white, and what changes slowly is known as well as from all of them.
 ROWS = 6000
+#: States of a linearised record from which it is asked whether fewer would do: below, the filter's time is not theirs.
+MOST_STATES = 10
 #: Samples that remain of the shortest record, at least.
 SHORTEST = 200
 #: Memories of latent processes: so many, from two samples to a third of a record, evenly in their logarithm.
@@ -266,7 +269,11 @@ def linear_records(linearised: LinearisedProblem, left_out: Sequence[np.ndarray]
     def weights(i: int) -> list[np.ndarray]:
         return [still[p][i] if p in still else np.zeros(times[i].size) for p in places]
 
-    return tuple(r.with_modulated(places, weights(i)) for i, r in enumerate(records))
+    whole = [r.with_modulated(places, weights(i)) for i, r in enumerate(records)]
+    if whole[0].phi.shape[1] <= MOST_STATES:
+        return tuple(whole)
+    noise = noise_floor(linearised)
+    return tuple(parallel_map(lambda r: with_fewer_states(r, noise), whole))
 
 
 def record_columns(
