@@ -257,6 +257,7 @@ def judged_folder(path: Path, category: str, accept: list[list[str]], models: di
         for name, total in models.items()
     ]
     entries.append({"effects": ["lost@there"], "log_evidence": None})
+    entries.append({"effects": ["pulls@there"], "log_evidence": {"total": None, "log_prior_odds": -1.0}})
     (path / "out" / "decisions.json").write_text(json.dumps({"models": entries}))
 
 

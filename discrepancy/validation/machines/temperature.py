@@ -100,7 +100,8 @@ def temperature_lines(out: Path, rows: Sequence[Mapping[str, str]]) -> list[str]
 def _evidence(model: Mapping[str, Any]) -> float | None:
     """Return the log evidence of a model in decisions.json; None where it could not be fitted."""
     parts = model.get("log_evidence")
-    return float(parts["total"]) if parts and math.isfinite(parts["total"]) else None
+    total = parts["total"] if parts else None  # null where a strength would act the other way
+    return float(total) if total is not None and math.isfinite(total) else None
 
 
 def _is_truth(effects: Sequence[str], accepted: Sequence[Sequence[str]]) -> bool:
