@@ -17,7 +17,6 @@ from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel,
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
 from multibody.base.parallel import parallel_map
-from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = [
     "REGAINED",
@@ -442,11 +441,7 @@ def steady_reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarr
     """
     moves = []
     for record in records[:SHOWN]:
-        n, m = record.phi.shape[1], record.gamma0.shape[2]
-        moved = np.empty((*record.c.shape[:2], m))
-        steady, room = np.ones((record.time.size, m)), np.empty((2, n, m))
-        matrices = (record.phi, record.gamma0, record.gamma1, record.c, record.d)
-        propagate(*matrices, np.arange(m), steady, room, moved)
+        moved = record.response(np.ones((record.time.size, record.gamma0.shape[2])))
         moves.append(np.abs(moved[record.counts]) / noise[:, None])
     every = np.concatenate(moves)
     every[~np.isfinite(every) | (every == 0.0)] = np.nan

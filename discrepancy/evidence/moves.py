@@ -136,19 +136,16 @@ class TriedModel:
 
     def is_more_probable_than(self, other: TriedModel) -> bool:
         """Tell whether the model is more probable than another, in the probabilities that are shown."""
-        return self._log_weight(0.0, 0.0) > other._log_weight(0.0, 0.0)
+        return self._log_weight() > other._log_weight()
 
     @property
     def log_weight_with_law(self) -> float:
         """Log weight among the shown probabilities, with what follows the machine's state if that is announced."""
         law = self.unknown_law
-        return (
-            self._log_weight(law.gain, law.log_odds)
-            if law is not None and law.announced
-            else self._log_weight(0.0, 0.0)
-        )
+        told = law is not None and law.announced
+        return self._log_weight(law.gain, law.log_odds) if law is not None and told else self._log_weight()
 
-    def _log_weight(self, gain: float, log_odds: float) -> float:
+    def _log_weight(self, gain: float = 0.0, log_odds: float = 0.0) -> float:
         """Return the log weight with something more that gains so much, its log prior odds included."""
         odds = self.log_odds + log_odds
         return (self.total + gain - odds) / POLICY.temperature + odds

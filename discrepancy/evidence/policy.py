@@ -42,11 +42,12 @@ class Policy:
         of the evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat
         for each of the few parameters that an effect has.
     relevance : float
-        Share of the mean square error of some output, simulated with parameters from the other records, that an effect
-        must take away, a hundredth of the error itself: nobody would see less in a figure.
+        Share of a mean square error, a hundredth of the error itself, from which a change of it counts: nobody would
+        see less in a figure.  An effect that changes so much of an output must lower it on the records left out.
     unnamed_relevance : float
-        The same for what has no name, a fifth of the error itself.  No law can be added to the model for it, and much
-        leaves a little: how a drive moves between two samples, another solver, the steps of a converter.
+        Share of the mean square error of some output, or of the predictions from sample to sample, that what has no
+        name must account for: a fifth of the error itself.  No law can be added to the model for it, and much leaves a
+        little: how a drive moves between two samples, another solver, the steps of a converter.
     harm : float
         Share by which the mean square error of no output may grow, in the same sense.
     simulation_errors : float

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discrepancy.effects.effect import Effect
+from discrepancy.evidence.criterion import strength_scale
 from discrepancy.evidence.likelihood import StageLikelihood, linear_records, noise_floor, record_columns
 from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.noise_fit import RecordColumns, prior_precision
@@ -98,9 +99,10 @@ def shift_over_noise(likelihood: StageLikelihood, effect: Effect) -> float:
     linearised = likelihood.linearised
     sens, given = linearised.sensitivities(), linearised.preparation
     own = {effect.parameter_name(k): v for k, v in effect.strengths.items()}
-    moved = np.array([own.get(n, 0.0) for n in sens.names])
+    moved = np.array([[own.get(n, 0.0)] for n in sens.names])
     noise = noise_floor(linearised) * np.sqrt(given.average * given.decimate)  # of one recorded sample
-    return max(float(np.max(np.abs(block @ moved) / noise)) for block in sens.blocks)
+    # the scale is the part of the effect that moves some output by its noise
+    return float(1.0 / strength_scale([block @ moved for block in sens.blocks], noise)[0])
 
 
 def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:

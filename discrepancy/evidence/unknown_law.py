@@ -38,7 +38,6 @@ from discrepancy.innovations.noise_fit import (
     restricted_log_likelihoods,
 )
 from discrepancy.innovations.noise_model import NoiseModel
-from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = ["UNKNOWN", "UnknownLaw", "unknown_law"]
 
@@ -325,14 +324,11 @@ class _Question:
         more = []
         for column, values in zip(self.columns, basis, strict=True):
             record, m = column.record, values.shape[1]
-            changed = np.zeros((record.time.size, record.c.shape[1], m))
             if source.acts_on == "output":
+                changed = np.zeros((record.time.size, record.c.shape[1], m))
                 changed[:, source.index] = values
             else:
-                room = np.zeros((2, record.phi.shape[1], m))
-                where = np.full(m, source.index)
-                matrices = (record.phi, record.gamma0, record.gamma1, record.c, record.d)
-                propagate(*matrices, where, np.ascontiguousarray(values), room, changed)
+                changed = record.response(values, np.full(m, source.index))
             more.append(source.unit * changed[record.observed])
         return with_columns(self.columns, more)
 

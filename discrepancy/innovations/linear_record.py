@@ -10,6 +10,7 @@ import numpy as np
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import Channel, PerturbationResponse, StateRate
 from multibody.machine.model import System
+from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = ["LinearRecord", "linear_record"]
 
@@ -59,6 +60,22 @@ class LinearRecord:
         whole = np.zeros(self.time.size, dtype=bool)
         whole[self.observed] = left_out
         return replace(self, left_out=whole)
+
+    def response(self, values: np.ndarray, inputs: np.ndarray | None = None) -> np.ndarray:
+        """Return how additions to inputs change the outputs, each by itself, shape (N, n_c, k).
+
+        Parameters
+        ----------
+        values : ndarray, shape (N, k)
+        inputs : ndarray of int, shape (k,), optional
+            Column of the input that each is added to; default: all inputs in their order.
+        """
+        k = values.shape[1]
+        columns = np.arange(k) if inputs is None else inputs
+        changed, room = np.zeros((*self.c.shape[:2], k)), np.zeros((2, self.phi.shape[1], k))
+        matrices = (self.phi, self.gamma0, self.gamma1, self.c, self.d)
+        propagate(*matrices, columns, np.ascontiguousarray(values), room, changed)
+        return changed
 
     def with_modulated(self, columns: Sequence[int], weights: Sequence[np.ndarray]) -> LinearRecord:
         """Return the same with further inputs: copies of some, each times a weight over the time, shape (N,)."""

@@ -27,8 +27,8 @@ TWIN_CORRELATION = 0.999
 LEVEL_SHARES = 5
 #: Instants at which a force has to be known before it is said what it is a function of: eight blocks of eight; chosen.
 FEWEST_FORCES = 64
-#: Share of an output's mean square error by which an effect must lower it to matter, and by which it must not raise
-#: that of any output on records held out: one per cent of the error, the least that one can see in a table; chosen.
+#: Share of an output's mean square error from which a change of it counts, and by which an effect must not raise that
+#: of any output on records held out: one per cent of the error, the least that one can see in a table; chosen.
 RELEVANT_SHARE, HARMFUL_SHARE = 0.02, 0.02
 #: Standard errors by which a change of a simulation's error must exceed its scatter over the records; chosen.
 SIMULATION_ERRORS = 2.0

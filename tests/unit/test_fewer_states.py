@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from discrepancy.innovations.fewer_states import with_fewer_states
+from discrepancy.innovations.fewer_states import TOLERANCE, with_fewer_states
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_fit import RecordColumns, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel, Process
-from multibody.solvers.kernels.perturbations import propagate
 
 STEP, COUNT = 0.02, 300
 NOISE = np.array([1e-4, 1e-2])
@@ -57,14 +56,6 @@ def chain(masses: int, stiffness: float, *, free: bool = False) -> LinearRecord:
     )
 
 
-def response(record: LinearRecord, forces: np.ndarray) -> np.ndarray:
-    n, m = record.phi.shape[1], forces.shape[1]
-    out = np.empty((COUNT, 2, m))
-    matrices = (record.phi, record.gamma0, record.gamma1, record.c, record.d)
-    propagate(*matrices, np.arange(m), forces, np.empty((2, n, m)), out)
-    return out
-
-
 @pytest.mark.parametrize("free", [False, True])
 def test_a_stiff_chain_needs_few_states(free: bool) -> None:
     whole = chain(12, 1e6, free=free)
@@ -72,9 +63,9 @@ def test_a_stiff_chain_needs_few_states(free: bool) -> None:
     assert fewer.phi.shape[1] <= 12  # of 24
     t = whole.time
     forces = np.stack([np.sin(3.0 * t) + 0.2, np.sign(np.sin(2.0 * t))], axis=1)  # not those that it was chosen by
-    one, other = (response(record, forces) / NOISE[:, None] for record in (whole, fewer))
+    one, other = (record.response(forces) / NOISE[:, None] for record in (whole, fewer))
     error, size = (np.max(np.sqrt(np.mean(y**2, axis=0)), axis=0) for y in (other - one, one))  # of each force
-    assert np.all(error < 0.02 * size)
+    assert np.all(error < 2.0 * TOLERANCE * size)  # other forces than those, with another spectrum
 
 
 def test_the_likelihood_is_the_same() -> None:
@@ -82,7 +73,7 @@ def test_the_likelihood_is_the_same() -> None:
     fewer = with_fewer_states(whole, NOISE)
     rng = np.random.default_rng(3)
     force = np.cumsum(rng.standard_normal((COUNT, 2)), axis=0)
-    residual = np.sum(response(whole, force), axis=2) + NOISE * rng.standard_normal((COUNT, 2))
+    residual = np.sum(whole.response(force), axis=2) + NOISE * rng.standard_normal((COUNT, 2))
     none = np.zeros((COUNT, 2, 0))
     model = NoiseModel(
         noise=tuple(NOISE.tolist()),
@@ -97,7 +88,7 @@ def test_the_likelihood_is_the_same() -> None:
         )
         for record in (whole, fewer)
     ]
-    assert values[1] == pytest.approx(values[0], abs=1.0)
+    assert values[1] == pytest.approx(values[0], abs=1.0)  # nats: a third of what one model must be better by
 
 
 def test_a_machine_of_which_every_state_is_seen_stays_whole() -> None:

@@ -51,7 +51,7 @@ def test_scores_do_not_depend_on_where_the_model_was_linearised(moved: float) ->
     from_there = replace(one, residual=one.residual - one.shared @ by)
     here = predictive.scores_of_blocks([one], model, std, offset)
     there = predictive.scores_of_blocks([from_there], model, std, offset - by)
-    np.testing.assert_allclose(there, here, atol=1e-3)
+    np.testing.assert_allclose(there, here, atol=1e-3)  # nats: what the ridge of 1e-9 leaves of a move by 30
 
 
 def test_scores_are_the_density_of_a_block_given_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
