@@ -76,15 +76,15 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     P, A, T, X = np.zeros((size, size)), np.zeros((n, size)), np.zeros((n, size)), np.zeros((n, n))
     for j in range(p):
         P[n + j, n + j] = variance[j]
-    H, PH = np.zeros((n_c, size)), np.zeros((size, n_c))
+    H, HP, G = np.zeros((n_c, size)), np.zeros((n_c, size)), np.zeros((n_c, size))
     M, MP, U = np.zeros((size, size)), np.zeros((size, size)), np.zeros((p, p))
     S, L, weight = np.zeros((n_c, n_c)), np.zeros((n_c, n_c)), np.zeros((n_c, n_c))
     log_det = 0.0
     for k in range(count):
         if counts[k]:
             _output_rows(c, d, source, channel, k, H)
-            np.dot(P, H.T, PH)
-            np.dot(H, PH, S)
+            np.dot(H, P, HP)
+            np.dot(HP, H.T, S)
             inverse = root[k]
             inverse[:, :] = 0.0
             for i in range(n_c):  # Cholesky factor of H P Hᵀ + noise, and its inverse
@@ -112,12 +112,14 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                         total += inverse[q, j] * inverse[q, i]
                     weight[i, j] = total
                     weight[j, i] = total
-            for r in range(size):
-                for i in range(n_c):
-                    total = 0.0
-                    for j in range(n_c):
-                        total += PH[r, j] * weight[j, i]
-                    gain[k, r, i] = total
+            for i in range(n_c):
+                for r in range(size):
+                    G[i, r] = 0.0
+                for j in range(n_c):
+                    for r in range(size):
+                        G[i, r] += weight[i, j] * HP[j, r]
+                for r in range(size):
+                    gain[k, r, i] = G[i, r]
             surprising = False
             for i in range(n_c):
                 surprising |= L[i, i] ** 2 > 1e6 * noise[i, i]  # where dry friction lets go, a state grows by 1e5
@@ -140,12 +142,12 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                         P[s, r] = total
             else:
                 for r in range(size):
-                    for s in range(r + 1):
-                        total = P[r, s]
-                        for i in range(n_c):
-                            total -= gain[k, r, i] * PH[s, i]
-                        P[r, s] = total
-                        P[s, r] = total
+                    for i in range(n_c):
+                        weighted = G[i, r]
+                        for s in range(r + 1):
+                            P[r, s] -= weighted * HP[i, s]
+                    for s in range(r):
+                        P[s, r] = P[r, s]
         if k + 1 == count:
             break
         _state_rows(phi, g0, g1, source, partner, along, turn, k, A)
@@ -168,13 +170,18 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                 P[i, n + j] = value
                 P[n + j, i] = value
             for r in range(i + 1):
-                total = X[i, r]
-                for j in range(p):
-                    if source[j] >= 0:
-                        q = variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
-                        total += q * g1[k, i, source[j]] * g1[k, r, source[j]]
-                P[i, r] = total
-                P[r, i] = total
+                P[i, r] = X[i, r]
+        for j in range(p):
+            if source[j] >= 0:
+                q = variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
+                for i in range(n):
+                    driven = q * g1[k, i, source[j]]
+                    if driven != 0.0:
+                        for r in range(i + 1):
+                            P[i, r] += driven * g1[k, r, source[j]]
+        for i in range(n):
+            for r in range(i):
+                P[r, i] = P[i, r]
     return log_det
 
 
@@ -206,7 +213,7 @@ def score_pass(  # type: ignore[no-untyped-def]
     H, A = np.zeros((n_c, size)), np.zeros((n, size))
     r, before = np.zeros((size, q)), np.zeros((size, q))
     N, NA = np.zeros((size, size)), np.zeros((size, size))
-    u, E, D = np.zeros((n_c, q)), np.zeros((n_c, size)), np.zeros((n_c, n_c))
+    u, E, F, D = np.zeros((n_c, q)), np.zeros((n_c, size)), np.zeros((n_c, size)), np.zeros((n_c, n_c))
     g = np.zeros(size)
     driving[:] = 0.0
     noise[:, :] = 0.0
@@ -255,14 +262,17 @@ def score_pass(  # type: ignore[no-untyped-def]
                             NA[s, t] += a * A[i, t]
             for s in range(size):
                 for t in range(s + 1):
-                    total = 0.0
+                    N[s, t] = 0.0
                     if s >= n:
                         other = partner[s - n]
-                        total = along[k, s - n] * NA[s, t] + turn[k, other] * NA[n + other, t]
-                    for i in range(n):
-                        total += A[i, s] * NA[i, t]
-                    N[s, t] = total
-                    N[t, s] = total
+                        N[s, t] = along[k, s - n] * NA[s, t] + turn[k, other] * NA[n + other, t]
+                for i in range(n):
+                    a = A[i, s]
+                    if a != 0.0:
+                        for t in range(s + 1):
+                            N[s, t] += a * NA[i, t]
+                for t in range(s):
+                    N[t, s] = N[s, t]
         if observed[k]:
             row -= 1
         if counts[k]:
@@ -289,30 +299,39 @@ def score_pass(  # type: ignore[no-untyped-def]
                     total = 0.0
                     for t in range(i, n_c):
                         total += root[k, t, i] * root[k, t, j]
-                    for s in range(size):
-                        total += E[i, s] * gain[k, s, j]
                     D[i, j] = total
-                    D[j, i] = total
+                for s in range(size):
+                    e = E[i, s]
+                    for j in range(i + 1):
+                        D[i, j] += e * gain[k, s, j]
+                for j in range(i + 1):
+                    D[j, i] = D[i, j]
+                    total = D[i, j]
                     for t in range(q):
                         total -= u[i, t] * u[j, t]
                     noise[i, j] -= total
                     if i != j:
                         noise[j, i] -= total
+            for i in range(n_c):  # F = D H / 2 - E
+                for t in range(size):
+                    F[i, t] = -E[i, t]
+                for j in range(n_c):
+                    weight = 0.5 * D[i, j]
+                    for t in range(size):
+                        F[i, t] += weight * H[j, t]
             for s in range(size):
                 for i in range(n_c):
                     h = H[i, s]
                     if h != 0.0:
                         for t in range(q):
                             r[s, t] += h * u[i, t]
-            for s in range(size):
-                for t in range(s + 1):
-                    total = N[s, t]
-                    for i in range(n_c):
-                        total -= H[i, s] * E[i, t] + E[i, s] * H[i, t]
-                        for j in range(n_c):
-                            total += H[i, s] * D[i, j] * H[j, t]
-                    N[s, t] = total
-                    N[t, s] = total
+            for s in range(size):  # N + Hᵀ F + Fᵀ H
+                for i in range(n_c):
+                    h, f = H[i, s], F[i, s]
+                    for t in range(s + 1):
+                        N[s, t] += h * F[i, t] + f * H[i, t]
+                for t in range(s):
+                    N[t, s] = N[s, t]
     for j in range(p):  # a process begins with its stationary variance
         total = -N[n + j, n + j]
         for t in range(q):
