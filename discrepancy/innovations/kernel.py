@@ -83,7 +83,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     for k in range(count):
         if counts[k]:
             _output_rows(c, d, source, channel, k, H)
-            np.dot(H, P, HP)
+            np.dot(H, P, HP)  # rows of outputs: the loops over states then run along memory, and are vectorised
             np.dot(HP, H.T, S)
             inverse = root[k]
             inverse[:, :] = 0.0
@@ -112,7 +112,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                         total += inverse[q, j] * inverse[q, i]
                     weight[i, j] = total
                     weight[j, i] = total
-            for i in range(n_c):
+            for i in range(n_c):  # the gain, transposed: S⁻¹ H P
                 for r in range(size):
                     G[i, r] = 0.0
                 for j in range(n_c):
