@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,25 +30,19 @@ NEARLY = 40.0
 #: Nats that a process must gain at the memory and frequency that are offered, so that others are tried.
 PROMISES = 1.0
 MOST_PROCESSES = 6
-#: Processes of each kind that are tried again in the next round: those that raised the likelihood most.  The kinds are
-#: forces, forces at a standstill, and errors of outputs, those that swing apart: the first to be found must not crowd
-#: out the others.
-PROMISING = 4
-#: Processes of which frequency and memory are fitted before the best of them is added: those that raised the likelihood
-#: most with both as offered.
-TUNED = 2
+#: Places whose likeliest process is fitted on the records thinned out, and those that are then fitted on all of them:
+#: the likelihood has many maxima, and the place where a process promises most at the sizes, memories and frequencies
+#: that are offered is often not the one where it is worth most when these are fitted.
+THINNED_FITS, FITS = 8, 3
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
-#: Factors on the memory of a process that was added, and on its frequency, of which each is tried: those offered are a
-#: coarse grid.
-MEMORY_FACTORS, FREQUENCY_FACTORS, FINE_FACTORS = (0.4, 2.5), (0.85, 1.18), (0.95, 1.05)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
 ROUNDS, FURTHEST = 30, 6.0
 #: How far the logarithms of a memory and of a frequency may move in one fit, from one that is offered to the next (of
 #: frequencies an octave), and the step of the differences that stand for their derivatives.
 FURTHEST_MEMORY, FURTHEST_FREQUENCY, DIFFERENCE = 2.5, 0.7, 1e-3
-#: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
-#: search: what they give away is far below `PROCESS_PRICE`.
+#: Slope, over coordinates in which the likelihood is about as curved as a unit normal distribution, below which it
+#: counts as level, and most points of a line search: what they give away is far below `PROCESS_PRICE`.
 STEEP, LINE_SEARCH = 0.3, 6
 HOPELESS = 1e4  # nats below the start that a model counts as where its likelihood cannot be computed
 #: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
@@ -384,6 +377,91 @@ def likeliest_change(
     return np.zeros(prior_std.size) if done is None else done[1].change
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Objective:
+    """The likelihood of noise models for some records.
+
+    Parameters
+    ----------
+    records : sequence of RecordColumns
+    prior_std, prior_offset : ndarray, shape (k,)
+    floor : ndarray, shape (n_c,)
+    """
+
+    records: Sequence[RecordColumns]
+    prior_std: np.ndarray
+    prior_offset: np.ndarray
+    floor: np.ndarray
+
+    def value(self, model: NoiseModel) -> float:
+        """Return the log marginal likelihood."""
+        return restricted_log_likelihood(self.records, model, self.prior_std, self.prior_offset)
+
+    def curvature(self, model: NoiseModel) -> np.ndarray:
+        """Return about how curved the likelihood is over the logarithm of every standard deviation, shape (n_c + p,).
+
+        Twice the number of values that are drawn independently: of a process, one in every memory.
+        """
+        count = sum(len(r.residual) for r in self.records)
+        durations = [float(np.ptp(r.record.time)) for r in self.records]
+        drawn = [min(sum(1.0 + t / q.memory for t in durations), count) for q in model.processes]
+        return 2.0 * np.array([*(count for _ in model.noise), *drawn])
+
+    def climbed(self, model: NoiseModel, value: float, shapes: Sequence[int] = ()) -> tuple[NoiseModel, float]:
+        """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood.
+
+        Of the processes in ``shapes`` memory and frequency are fitted as well: derivatives by these are differences.
+        """
+        from scipy.optimize import Bounds, minimize
+
+        n_c, processes = len(model.noise), model.processes
+        swinging = [k for k in shapes if processes[k].frequency > 0.0]
+        n_std, n_shapes = n_c + len(processes), len(shapes)
+
+        def at(x: np.ndarray) -> NoiseModel:
+            moved = [replace(q, std=float(s)) for q, s in zip(processes, np.exp(x[n_c:n_std]), strict=True)]
+            for k, memory in zip(shapes, np.exp(x[n_std : n_std + n_shapes]), strict=True):
+                moved[k] = replace(moved[k], memory=float(memory))
+            for k, frequency in zip(swinging, np.exp(x[n_std + n_shapes :]), strict=True):
+                moved[k] = replace(moved[k], frequency=float(frequency))
+            return replace(model, noise=tuple(np.exp(x[:n_c]).tolist()), processes=tuple(moved))
+
+        of_shapes = [processes[k].memory for k in shapes] + [processes[k].frequency for k in swinging]
+        begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in processes), *of_shapes])
+        reach = np.repeat([FURTHEST, FURTHEST_MEMORY, FURTHEST_FREQUENCY], [n_std, n_shapes, len(swinging)])
+        least = begin - reach
+        least[:n_c] = np.log(self.floor)
+        begin = np.maximum(begin, least)
+        curved = self.curvature(model)
+        unit = 1.0 / np.sqrt(np.concatenate([curved, *(curved[n_c + k, None] for k in (*shapes, *swinging))]))
+
+        def loss(scaled: np.ndarray) -> tuple[float, np.ndarray]:
+            x = scaled * unit
+            reached, derivatives = restricted_score(self.records, at(x), self.prior_std, self.prior_offset)
+            if not reached > value - HOPELESS:
+                return HOPELESS - value, np.zeros(x.size)
+            beside = np.array([self.value(at(x + step)) for step in DIFFERENCE * np.eye(x.size)[n_std:]])
+            derivatives = np.concatenate([derivatives, (beside - reached) / DIFFERENCE])
+            return -reached, -derivatives * unit
+
+        bounds: Any = Bounds(least / unit, (begin + reach) / unit)
+        result = minimize(
+            loss,
+            begin / unit,
+            method="L-BFGS-B",
+            jac=True,
+            bounds=bounds,
+            options={
+                "maxiter": ROUNDS,
+                "maxls": LINE_SEARCH,
+                "gtol": STEEP,
+                "ftol": CLOSE / max(abs(value), 1.0),
+            },
+        )
+        reached = -float(result.fun)
+        return (at(result.x * unit), reached) if reached > value else (model, value)
+
+
 def fit_noise(
     records: Sequence[RecordColumns],
     prior_std: np.ndarray,
@@ -418,65 +496,46 @@ def fit_noise(
         False: keep all of them, whether they earn their price or not.
     """
 
-    def likelihood(model: NoiseModel) -> float:
-        return restricted_log_likelihood(records, model, prior_std, prior_offset)
-
-    def score(model: NoiseModel) -> tuple[float, np.ndarray]:
-        return restricted_score(records, model, prior_std, prior_offset)
-
-    def climb(model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
-        return _climb(model, value, score, floor)
-
-    def refined(model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
-        return _climb(model, value, score, floor, likelihood)
-
+    whole = _Objective(records=records, prior_std=prior_std, prior_offset=prior_offset, floor=floor)
+    rows = sum(r.residual.size for r in records)
+    count = max(1, min(rows // SCREENING_ROWS, min(len(r.residual) for r in records) // 50))
+    thinned = replace(whole, records=[r.every(count) for r in records])
     if start is None:
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
-    model, best = climb(*_with_correlation(start, records, likelihood, floor))
+    model, best = whole.climbed(*_with_correlation(start, whole))
     if reduce:
-        model, best = _without_needless(model, best, price, likelihood, climb)
-    promising = list(candidates)
-    rows = sum(r.residual.size for r in records)
-    thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
-
-    def screened(model: NoiseModel) -> float:
-        return restricted_log_likelihood(thinned, model, prior_std, prior_offset)
-
+        model, best = _without_needless(model, best, price, whole)
     while grow and len(model.processes) < MOST_PROCESSES:
-        tried = []
-        for process in promising:
-            if any(_same_process(q, process) for q in model.processes):
-                continue
-            sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
-            trials = [replace(model, processes=(*model.processes, q)) for q in sizes]
-            tried.append((*max(((screened(t), t) for t in trials), key=lambda t: t[0]), process))
-        if not tried:
-            break
-        tried.sort(key=lambda t: -t[0])
-        kinds = {_kind(process): [t for t in tried if _kind(t[-1]) == _kind(process)] for *_, process in tried}
-        promising = [process for of_kind in kinds.values() for *_, process in of_kind[:PROMISING]]
-        # the best of each kind is fitted: which of them it is, a thinned record may not tell
-        best_of = [of_kind[0][1] for of_kind in kinds.values()]
-        climbed = sorted((climb(trial, likelihood(trial)) for trial in best_of), key=lambda t: -t[1])
-        tuned = [_tuned(*t, likelihood, climb) for t in climbed[:TUNED] if t[1] > best + PROMISES]
-        fitted, value = max(tuned, key=lambda t: t[1], default=(model, best))
-        fitted, value = climb(*_with_correlation(fitted, records, likelihood, floor))
+        fitted, value = _with_another(model, best, candidates, thinned, whole)
+        fitted, value = whole.climbed(*_with_correlation(fitted, whole))
         if value < best + price:
             break
-        model, best = refined(fitted, value)
+        model, best = whole.climbed(fitted, value, shapes=range(len(fitted.processes)))
         if reduce:
-            model, best = _without_needless(model, best, price, likelihood, climb)
+            model, best = _without_needless(model, best, price, whole)
     return model, best
 
 
-def _without_needless(
-    model: NoiseModel,
-    value: float,
-    price: float,
-    likelihood: Callable[[NoiseModel], float],
-    climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
+def _with_another(
+    model: NoiseModel, value: float, candidates: Sequence[Process], thinned: _Objective, whole: _Objective
 ) -> tuple[NoiseModel, float]:
+    """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
+    last = [len(model.processes)]
+    likeliest: dict[tuple[int, int, bool], tuple[float, NoiseModel]] = {}
+    for process in candidates:
+        for size in FIRST_SIZES:
+            trial = replace(model, processes=(*model.processes, replace(process, std=size * process.std)))
+            reached = thinned.value(trial)
+            if reached > likeliest.get(_place(process), (-np.inf, trial))[0]:
+                likeliest[_place(process)] = reached, trial
+    first = sorted(likeliest.values(), key=lambda t: -t[0])[:THINNED_FITS]
+    fitted = sorted((thinned.climbed(trial, reached, last) for reached, trial in first), key=lambda t: -t[1])
+    trials = [whole.climbed(trial, whole.value(trial), last) for trial, _ in fitted[:FITS]]
+    return max(trials, key=lambda t: t[1], default=(model, value))
+
+
+def _without_needless(model: NoiseModel, value: float, price: float, whole: _Objective) -> tuple[NoiseModel, float]:
     """Return the model without the processes that do not earn their price, one after another.
 
     A process that stood for an effect is of no use once that effect is part of the model, and yet the fit, which begins
@@ -486,9 +545,9 @@ def _without_needless(
         fewer = []
         for k in range(len(model.processes)):
             trial = replace(model, processes=(*model.processes[:k], *model.processes[k + 1 :]))
-            reached = likelihood(trial)
+            reached = whole.value(trial)
             if reached > value - NEARLY:
-                fewer.append(climb(trial, reached))
+                fewer.append(whole.climbed(trial, reached))
         best = max(fewer, key=lambda t: t[1], default=None)
         if best is None or best[1] < value - price:
             break
@@ -496,85 +555,20 @@ def _without_needless(
     return model, value
 
 
-def _kind(process: Process) -> tuple[bool, bool, bool]:
-    return process.channel >= 0, process.at_standstill, process.frequency > 0.0
+def _place(process: Process) -> tuple[int, int, bool]:
+    """Return where a process acts, and whether it swings: forces at a standstill have columns of their own."""
+    return process.source, process.channel, process.frequency > 0.0
 
 
-def _same_process(one: Process, other: Process) -> bool:
-    def distinction(q: Process) -> tuple[float, ...]:
-        return q.source, q.channel, q.memory, q.frequency
-
-    return distinction(one) == distinction(other)
-
-
-def _remembering(process: Process, factor: float) -> Process:
-    """Return a process with another memory; what drives it keeps its size."""
-    return replace(process, memory=factor * process.memory, std=float(np.sqrt(factor)) * process.std)
-
-
-def _swinging(process: Process, factor: float) -> Process:
-    return replace(process, frequency=factor * process.frequency)
-
-
-#: What is tried with a process that was added.
-_CHANGES: tuple[tuple[Callable[[Process], Process], ...], ...] = (
-    tuple(partial(_swinging, factor=factor) for factor in FREQUENCY_FACTORS),
-    tuple(partial(_remembering, factor=factor) for factor in MEMORY_FACTORS),
-    tuple(partial(_swinging, factor=factor) for factor in FINE_FACTORS),
-)
-
-
-def _tuned(
-    model: NoiseModel,
-    value: float,
-    likelihood: Callable[[NoiseModel], float],
-    climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
-) -> tuple[NoiseModel, float]:
-    """Return the model with frequency and memory of its last process fitted."""
-    for changes in _CHANGES:
-        model, value = _with_last_changed(model, value, changes, likelihood, climb)
-    return model, value
-
-
-def _with_last_changed(
-    model: NoiseModel,
-    value: float,
-    changes: Sequence[Callable[[Process], Process]],
-    likelihood: Callable[[NoiseModel], float],
-    climb: Callable[[NoiseModel, float], tuple[NoiseModel, float]],
-) -> tuple[NoiseModel, float]:
-    """Return the model with its last process changed in one of some ways, as often as that is likelier."""
-    for change in changes:
-        better = False
-        while True:
-            *others, last = model.processes
-            changed = change(last)
-            if changed == last:
-                break
-            trial = replace(model, processes=(*others, changed))
-            fitted, reached = climb(trial, likelihood(trial))
-            if not reached > value + CLOSE:
-                break
-            model, value, better = fitted, reached, True
-        if better:
-            break
-    return model, value
-
-
-def _with_correlation(
-    model: NoiseModel,
-    records: Sequence[RecordColumns],
-    likelihood: Callable[[NoiseModel], float],
-    floor: np.ndarray,
-) -> tuple[NoiseModel, float]:
+def _with_correlation(model: NoiseModel, whole: _Objective) -> tuple[NoiseModel, float]:
     """Return the model with the covariance of the white noise that the innovations ask for, if that is likelier."""
-    value = likelihood(model)
+    value = whole.value(model)
     n_c = len(model.noise)
     if n_c == 1 or not np.isfinite(value):
         return model, value
     for _ in range(CORRELATION_ROUNDS):
         excess, count = np.zeros((n_c, n_c)), 0
-        for record in records:
+        for record in whole.records:
             e, root = record.innovations(model)
             factor = np.linalg.inv(root)
             spread = np.einsum("ki,kj->kij", e, e) - np.eye(n_c)
@@ -582,8 +576,8 @@ def _with_correlation(
             count += len(e)
         for share in (1.0, 0.3):
             covariance = model.noise_covariance() + share * excess / count
-            trial = _noise_of(model, covariance, floor)
-            reached = likelihood(trial)
+            trial = _noise_of(model, covariance, whole.floor)
+            reached = whole.value(trial)
             if reached > value:
                 break
         if not reached > value + CLOSE:
@@ -598,70 +592,3 @@ def _noise_of(model: NoiseModel, covariance: np.ndarray, floor: np.ndarray) -> N
     covariance = (vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T
     size = np.sqrt(np.diag(covariance))
     return replace(model, noise=tuple(std.tolist()), correlation=covariance / np.outer(size, size))
-
-
-def _climb(
-    model: NoiseModel,
-    value: float,
-    score: Callable[[NoiseModel], tuple[float, np.ndarray]],
-    floor: np.ndarray,
-    likelihood: Callable[[NoiseModel], float] | None = None,
-) -> tuple[NoiseModel, float]:
-    """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood.
-
-    With ``likelihood`` over those of the processes' memories and frequencies as well, whose derivatives are differences
-    of it.
-    """
-    from scipy.optimize import Bounds, minimize
-
-    n_c, processes = len(model.noise), model.processes
-    swinging = [k for k, q in enumerate(processes) if q.frequency > 0.0]
-    n_std, n_p = n_c + len(processes), len(processes)
-
-    def at(x: np.ndarray) -> NoiseModel:
-        moved = list(processes)
-        for k, (q, s) in enumerate(zip(processes, np.exp(x[n_c:n_std]), strict=True)):
-            moved[k] = replace(q, std=float(s))
-        if likelihood is not None:
-            for k, memory in enumerate(np.exp(x[n_std : n_std + n_p])):
-                moved[k] = replace(moved[k], memory=float(memory))
-            for k, frequency in zip(swinging, np.exp(x[n_std + n_p :]), strict=True):
-                moved[k] = replace(moved[k], frequency=float(frequency))
-        return replace(model, noise=tuple(np.exp(x[:n_c]).tolist()), processes=tuple(moved))
-
-    begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in processes)])
-    least = np.concatenate([np.log(floor), begin[n_c:] - FURTHEST])
-    begin = np.maximum(begin, least)
-    most = begin + FURTHEST
-    if likelihood is not None:
-        shapes = np.log([*(q.memory for q in processes), *(processes[k].frequency for k in swinging)])
-        reach = np.repeat([FURTHEST_MEMORY, FURTHEST_FREQUENCY], [n_p, len(swinging)])
-        begin, least = np.concatenate([begin, shapes]), np.concatenate([least, shapes - reach])
-        most = np.concatenate([most, shapes + reach])
-
-    def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
-        reached, derivatives = score(at(x))
-        if not reached > value - HOPELESS:
-            return HOPELESS - value, np.zeros(x.size)
-        if likelihood is not None:
-            steps = DIFFERENCE * np.eye(x.size)[n_std:]
-            beside = np.array([likelihood(at(x + step)) for step in steps])
-            derivatives = np.concatenate([derivatives, (beside - reached) / DIFFERENCE])
-        return -reached, -derivatives
-
-    bounds: Any = Bounds(least, most)
-    result = minimize(
-        loss,
-        begin,
-        method="L-BFGS-B",
-        jac=True,
-        bounds=bounds,
-        options={
-            "maxiter": ROUNDS,
-            "maxls": LINE_SEARCH,
-            "gtol": STEEP,
-            "ftol": CLOSE / max(abs(value), 1.0),
-        },
-    )
-    reached = -float(result.fun)
-    return (at(result.x), reached) if reached > value else (model, value)
