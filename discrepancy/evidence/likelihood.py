@@ -40,7 +40,7 @@ SHORTEST = 200
 MEMORIES = 4
 #: Frequencies of processes that swing: from so many cycles in a record, each twice the last, to so many samples in a
 #: cycle.  Their memory begins with one cycle: so wide a band that the next frequency overlaps it.
-CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 6.0
+CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 2.0
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3
 #: Share of the log evidence lost without the latent processes that what stands in their place must regain: more than

@@ -522,10 +522,11 @@ def _with_another(
 ) -> tuple[NoiseModel, float]:
     """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
     last = [len(model.processes)]
+    there, _ = thinned.climbed(model, thinned.value(model))
     likeliest: dict[tuple[int, int, bool], tuple[float, NoiseModel]] = {}
     for process in candidates:
         for size in FIRST_SIZES:
-            trial = replace(model, processes=(*model.processes, replace(process, std=size * process.std)))
+            trial = replace(there, processes=(*there.processes, replace(process, std=size * process.std)))
             reached = thinned.value(trial)
             if reached > likeliest.get(_place(process), (-np.inf, trial))[0]:
                 likeliest[_place(process)] = reached, trial
