@@ -33,7 +33,7 @@ MOST_PROCESSES = 6
 #: Places whose likeliest process is fitted on the records thinned out, and those that are then fitted on all of them:
 #: the likelihood has many maxima, and the place where a process promises most at the sizes, memories and frequencies
 #: that are offered is often not the one where it is worth most when these are fitted.
-THINNED_FITS, FITS = 8, 3
+THINNED_FITS, FITS, PER_PLACE = 12, 3, 2
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
@@ -523,15 +523,15 @@ def _with_another(
     """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
     last = [len(model.processes)]
     there, _ = thinned.climbed(model, thinned.value(model))
-    likeliest: dict[tuple[int, int, bool], tuple[float, NoiseModel]] = {}
+    screened: dict[tuple[int, int, bool], list[tuple[float, NoiseModel]]] = {}
     for process in candidates:
-        for size in FIRST_SIZES:
-            trial = replace(there, processes=(*there.processes, replace(process, std=size * process.std)))
-            reached = thinned.value(trial)
-            if reached > likeliest.get(_place(process), (-np.inf, trial))[0]:
-                likeliest[_place(process)] = reached, trial
-    first = sorted(likeliest.values(), key=lambda t: -t[0])[:THINNED_FITS]
-    fitted = sorted((thinned.climbed(trial, reached, last) for reached, trial in first), key=lambda t: -t[1])
+        sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
+        trials = [replace(there, processes=(*there.processes, q)) for q in sizes]
+        likeliest = max(((thinned.value(trial), trial) for trial in trials), key=lambda t: t[0])
+        screened.setdefault(_place(process), []).append(likeliest)
+    promising = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:PER_PLACE]]
+    first = sorted(promising, key=lambda t: -t[0])[:THINNED_FITS]
+    fitted = sorted((thinned.climbed(trial, reached) for reached, trial in first), key=lambda t: -t[1])
     trials = [whole.climbed(trial, whole.value(trial), last) for trial, _ in fitted[:FITS]]
     return max(trials, key=lambda t: t[1], default=(model, value))
 
