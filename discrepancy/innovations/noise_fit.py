@@ -508,10 +508,10 @@ def fit_noise(
         model, best = _without_needless(model, best, price, whole)
     while grow and len(model.processes) < MOST_PROCESSES:
         fitted, value = _with_another(model, best, candidates, thinned, whole)
-        fitted, value = whole.climbed(*_with_correlation(fitted, whole))
+        fitted, value = whole.climbed(*_with_correlation(fitted, whole), shapes=range(len(fitted.processes)))
         if value < best + price:
             break
-        model, best = whole.climbed(fitted, value, shapes=range(len(fitted.processes)))
+        model, best = fitted, value
         if reduce:
             model, best = _without_needless(model, best, price, whole)
     return model, best
