@@ -187,16 +187,25 @@ class StageLikelihood:
         fits = [fitted_noise(self.linearised, records, columns, std, offset, start, grow=grow) for start, grow in given]
         return max(fits, key=self._value)
 
-    def likeliest_values(self) -> dict[str, float]:
+    def likeliest_values(self, *, shapes: bool = False) -> dict[str, float]:
         """Return the parameters, the strengths among them, of largest likelihood, within their bounds, SI.
 
         The stage was fitted by least squares, to which what a random force does counts as an error like any other.
+
+        Parameters
+        ----------
+        shapes : bool
+            Whether the shapes of laws move as well.
         """
-        identify = self.stage.identify
+        identify, held, change = self.stage.identify, self.held, self.noise.change
+        if shapes:
+            held = tuple(identify.at_bound)
+            columns, std, offset = record_columns(self.linearised, self.noise.records, held)
+            change = likeliest_change(columns, self.noise.model, std, offset)
         values, bounds = identify.to_dict(), {q.name: (q.min, q.max) for q in identify.parameters}
-        moved = [n for n in self.linearised.sensitivities().names if n not in self.held]
-        for name, change in zip(moved, self.noise.change, strict=True):
-            values[name] = float(np.clip(values[name] + change, *bounds[name]))
+        moved = [n for n in self.linearised.sensitivities().names if n not in held]
+        for name, step in zip(moved, change, strict=True):
+            values[name] = float(np.clip(values[name] + step, *bounds[name]))
         return values
 
     @cached_property

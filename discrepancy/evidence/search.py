@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.evidence import moves
-from discrepancy.evidence.criterion import ModelPrior, log_evidence
+from discrepancy.evidence.criterion import Evidence, ModelPrior, log_evidence
 from discrepancy.evidence.laws_of_a_curve import CurveLaws, laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
@@ -22,6 +22,7 @@ from discrepancy.evidence.predictive import (
     predictive_gain,
 )
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
+from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
@@ -309,6 +310,7 @@ class EvidenceSearch:
                             "score promises: it comes from another linearisation"
                         )
                     if math.isfinite(evidence.total):
+                        likelihood, evidence = self._with_likeliest_shapes(likelihood, evidence)
                         model.likelihood, model.evidence = likelihood, evidence
                         likelihood.free_memory()
                 except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
@@ -381,6 +383,28 @@ class EvidenceSearch:
             raise RuntimeError("a strength is zero: it would act the other way")
         model.at_likeliest = True
         return stage
+
+    def _with_likeliest_shapes(
+        self, likelihood: StageLikelihood, evidence: Evidence
+    ) -> tuple[StageLikelihood, Evidence]:
+        """Return a model with the shapes of its laws moved to the largest likelihood, if it is more probable there.
+
+        Every linear unknown is integrated out where it is likeliest, a shape is held where least squares put it.  Beside
+        a random force that is not where it is likeliest: the place about which a spring bends, for instance.  What dry
+        friction holds does not move with the shape of its law, which says nothing of another linearisation.
+        """
+        shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
+        if not shapes or not likelihood.noise.model.processes or places_that_stick(likelihood.linearised):
+            return likelihood, evidence
+        try:
+            stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True))
+            there = likelihood.neighbour(stage)
+            assert self.prior is not None
+            moved = log_evidence(there, self.prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            return likelihood, evidence
+        self.state.progress(f"shapes moved {stage.name}: {moved.total - evidence.total:+.1f}")
+        return (there, moved) if moved.total > evidence.total else (likelihood, evidence)
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
