@@ -509,6 +509,8 @@ def fit_noise(
     while grow and len(model.processes) < MOST_PROCESSES:
         fitted, value = _with_another(model, best, candidates, thinned, whole)
         fitted, value = whole.climbed(*_with_correlation(fitted, whole), shapes=range(len(fitted.processes)))
+        if value < best + price and len(model.processes) + 1 < MOST_PROCESSES:
+            fitted, value = _with_two_for_one(model, best, candidates, thinned, whole)
         if value < best + price:
             break
         model, best = fitted, value
@@ -522,6 +524,34 @@ def _with_another(
 ) -> tuple[NoiseModel, float]:
     """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
     last = [len(model.processes)]
+    promising = _promising(model, candidates, thinned)[:FITS]
+    trials = [whole.climbed(trial, whole.value(trial), last) for trial, _ in promising]
+    return max(trials, key=lambda t: t[1], default=(model, value))
+
+
+def _with_two_for_one(
+    model: NoiseModel, value: float, candidates: Sequence[Process], thinned: _Objective, whole: _Objective
+) -> tuple[NoiseModel, float]:
+    """Return a noise model with two processes in the place of one, if that is likelier.
+
+    One process stands for two at one place, a slow and a swinging force, by a short memory: then neither of the two
+    adds anything beside it.
+    """
+    best, (_, reference) = (model, value), thinned.climbed(model, thinned.value(model))
+    for k, process in enumerate(model.processes):
+        others = replace(model, processes=(*model.processes[:k], *model.processes[k + 1 :]))
+        there = [q for q in candidates if _place(q)[:2] == _place(process)[:2]]
+        first = _promising(others, [q for q in there if _place(q) != _place(process)], thinned)[:1]
+        second = [two for one, _ in first for two in _promising(one, there, thinned)[:1]]
+        for trial, reached in second:
+            if reached > reference:
+                fitted = whole.climbed(trial, whole.value(trial), range(len(trial.processes)))
+                best = max(best, fitted, key=lambda t: t[1])
+    return best
+
+
+def _promising(model: NoiseModel, candidates: Sequence[Process], thinned: _Objective) -> list[tuple[NoiseModel, float]]:
+    """Return a noise model with one process more, fitted to the thinned records, and its likelihood, largest first."""
     there, _ = thinned.climbed(model, thinned.value(model))
     screened: dict[tuple[int, int, bool], list[tuple[float, NoiseModel]]] = {}
     for process in candidates:
@@ -529,11 +559,9 @@ def _with_another(
         trials = [replace(there, processes=(*there.processes, q)) for q in sizes]
         likeliest = max(((thinned.value(trial), trial) for trial in trials), key=lambda t: t[0])
         screened.setdefault(_place(process), []).append(likeliest)
-    promising = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:PER_PLACE]]
-    first = sorted(promising, key=lambda t: -t[0])[:THINNED_FITS]
-    fitted = sorted((thinned.climbed(trial, reached) for reached, trial in first), key=lambda t: -t[1])
-    trials = [whole.climbed(trial, whole.value(trial), last) for trial, _ in fitted[:FITS]]
-    return max(trials, key=lambda t: t[1], default=(model, value))
+    first = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:PER_PLACE]]
+    first = sorted(first, key=lambda t: -t[0])[:THINNED_FITS]
+    return sorted((thinned.climbed(trial, reached) for reached, trial in first), key=lambda t: -t[1])
 
 
 def _without_needless(model: NoiseModel, value: float, price: float, whole: _Objective) -> tuple[NoiseModel, float]:
