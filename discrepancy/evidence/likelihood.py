@@ -39,7 +39,9 @@ SHORTEST = 200
 #: Memories of latent processes: so many, from two samples to a third of a record, evenly in their logarithm.
 MEMORIES = 4
 #: Frequencies of processes that swing: from so many cycles in a record, each twice the last, to so many samples in a
-#: cycle.  Their memory begins with one cycle: so wide a band that the next frequency overlaps it.
+#: cycle, the fewest there are: a speed made of differences of a quantised position, and what a sampled controller does
+#: with noisy measurements, change most from sample to sample.  Their memory begins with one cycle: so wide a band that
+#: the next frequency overlaps it.
 CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 2.0
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3

@@ -389,9 +389,9 @@ class EvidenceSearch:
     ) -> tuple[StageLikelihood, Evidence]:
         """Return a model with the shapes of its laws moved to the largest likelihood, if it is more probable there.
 
-        Every linear unknown is integrated out where it is likeliest, a shape is held where least squares put it.  Beside
-        a random force that is not where it is likeliest: the place about which a spring bends, for instance.  What dry
-        friction holds does not move with the shape of its law, which says nothing of another linearisation.
+        A strength is integrated out about its likeliest value; a shape, such as the place about which a spring bends,
+        is held where least squares put it, and beside a random force that is not where it is likeliest.  With dry
+        friction it stays: what sticks does not follow from a linearisation elsewhere.
         """
         shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
         if not shapes or not likelihood.noise.model.processes or places_that_stick(likelihood.linearised):
@@ -403,8 +403,10 @@ class EvidenceSearch:
             moved = log_evidence(there, self.prior)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             return likelihood, evidence
-        self.state.progress(f"shapes moved {stage.name}: {moved.total - evidence.total:+.1f}")
-        return (there, moved) if moved.total > evidence.total else (likelihood, evidence)
+        if moved.total <= evidence.total:
+            return likelihood, evidence
+        self.state.progress(f"{stage.name}: log evidence {moved.total - evidence.total:+.1f} at the likeliest shapes")
+        return there, moved
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
