@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.fewer_states import with_fewer_states
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
-from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, fit_noise, likeliest_change
+from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, fit_noise, likeliest_change, likeliest_rise
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -209,6 +209,15 @@ class StageLikelihood:
         for name, step in zip(moved, change, strict=True):
             values[name] = float(np.clip(values[name] + step, *bounds[name]))
         return values
+
+    def promise_of_shapes(self) -> float:
+        """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""
+
+        def rise(held: Sequence[str]) -> float:
+            columns, std, offset = record_columns(self.linearised, self.noise.records, held)
+            return likeliest_rise(columns, self.noise.model, std, offset)
+
+        return rise(self.stage.identify.at_bound) - rise(self.held)
 
     @cached_property
     def weighted(self) -> LinearisedProblem:

@@ -391,10 +391,14 @@ class EvidenceSearch:
 
         A strength is integrated out about its likeliest value; a shape, such as the place about which a spring bends,
         is held where least squares put it, and beside a random force that is not where it is likeliest.  With dry
-        friction it stays: what sticks does not follow from a linearisation elsewhere.
+        friction it stays: what sticks does not follow from a linearisation elsewhere.  A rise far above what the
+        linearised likelihood promises comes from another linearisation as well.
         """
         shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
         if not shapes or not likelihood.noise.model.processes or places_that_stick(likelihood.linearised):
+            return likelihood, evidence
+        promised = likelihood.promise_of_shapes()
+        if promised <= POLICY.improvement:
             return likelihood, evidence
         try:
             stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True))
@@ -403,9 +407,10 @@ class EvidenceSearch:
             moved = log_evidence(there, self.prior)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             return likelihood, evidence
-        if moved.total <= evidence.total:
+        rise = moved.total - evidence.total
+        if not 0.0 < rise <= _most_believed(promised):
             return likelihood, evidence
-        self.state.progress(f"{stage.name}: log evidence {moved.total - evidence.total:+.1f} at the likeliest shapes")
+        self.state.progress(f"{stage.name}: log evidence {rise:+.1f} at the likeliest shapes")
         return there, moved
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
@@ -689,7 +694,8 @@ class EvidenceSearch:
 def _most_believed(promised: float) -> float:
     """Return the rise of the log evidence up to which it is that of the effect, given what the effect's score promises.
 
-    Where dry friction sticks, another linearisation alone changes the evidence by hundreds of nats.
+    Another linearisation alone changes the evidence: where dry friction sticks by hundreds of nats, beside a spring
+    that bends and a large random force by tens.
     """
     return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
 

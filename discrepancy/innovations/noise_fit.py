@@ -15,6 +15,7 @@ __all__ = [
     "RecordColumns",
     "fit_noise",
     "likeliest_change",
+    "likeliest_rise",
     "prior_precision",
     "restricted_log_likelihood",
     "restricted_log_likelihoods",
@@ -261,7 +262,7 @@ class _Normal:
     def solved(self) -> Solved:
         """Return the parameters' likeliest change, and the likelihood."""
         if not self.right.size:
-            return Solved(change=self.right, root=np.zeros((0, 0)), log_likelihood=self.constant)
+            return Solved(change=self.right, rise=0.0, root=np.zeros((0, 0)), log_likelihood=self.constant)
         size = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
         kept = values > LEAST_EIGENVALUE_OF_NORMAL
@@ -269,6 +270,7 @@ class _Normal:
         half_log_det = 0.5 * float(np.sum(np.log(values[kept]))) + float(np.sum(np.log(size)))
         return Solved(
             change=vectors[:, kept] @ (along[kept] / values[kept]) / size,
+            rise=0.5 * float(np.sum(along[kept] ** 2 / values[kept])),
             root=vectors[:, kept] / np.sqrt(values[kept]) / size[:, None],
             log_likelihood=self.constant + 0.5 * float(np.sum(along[kept] ** 2 / values[kept])) - half_log_det,
         )
@@ -282,6 +284,8 @@ class Solved:
     ----------
     change : ndarray, shape (k,)
         From the linearisation's values, at the largest likelihood.
+    rise : float
+        Nats by which the likelihood is larger there than without a change.
     root : ndarray, shape (k, r)
         Root of their covariance.
     log_likelihood : float
@@ -289,6 +293,7 @@ class Solved:
     """
 
     change: np.ndarray
+    rise: float
     root: np.ndarray
     log_likelihood: float
 
@@ -374,6 +379,14 @@ def likeliest_change(
     """Return by how much the shared parameters differ from the linearisation's at the largest likelihood, (k,)."""
     done = _solved(records, model, prior_std, prior_offset)
     return np.zeros(prior_std.size) if done is None else done[1].change
+
+
+def likeliest_rise(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> float:
+    """Return the nats by which the likelihood is larger at that change than without one."""
+    done = _solved(records, model, prior_std, prior_offset)
+    return 0.0 if done is None else done[1].rise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,9 +1,9 @@
 """The fitted noise is about as likely as the noise that records were made with."""
 
 import numpy as np
-from test_innovations import STEP, oscillator, without_unknowns
+from test_innovations import NO_OFFSET, NO_PRIOR, STEP, columns_of, noise_model, oscillator, without_unknowns
 
-from discrepancy.innovations.noise_fit import fit_noise
+from discrepancy.innovations.noise_fit import fit_noise, likeliest_change, likeliest_rise
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 
 COUNT = 600
@@ -46,3 +46,15 @@ def test_noise_of_three_processes_is_found_nearly_as_likely_as_it_is() -> None:
         true_model, likeliest = fit_noise([one], nothing, nothing, FLOOR, [], TRUTH, grow=False)
         short.append((likeliest - found) + PRICE * (len(model.processes) - len(true_model.processes)))
     assert sum(nats < PRICE for nats in short) >= 3, np.round(short, 1)
+
+
+def test_the_rise_is_what_the_likeliest_parameters_take_of_the_squares() -> None:
+    record, model = oscillator(80), noise_model()
+    one = columns_of(record, 3, model)
+    one = type(one)(**{**vars(one), "own": np.zeros((*one.residual.shape, 0))})
+    change = likeliest_change([one], model, NO_PRIOR, NO_OFFSET)
+    weighting = innovation_weighting(record, model)
+    before, left = (np.sum(weighting(r) ** 2) for r in (one.residual, one.residual - one.shared @ change))
+    rise = likeliest_rise([one], model, NO_PRIOR, NO_OFFSET)
+    assert rise > 0.0
+    np.testing.assert_allclose(rise, 0.5 * (before - left), rtol=1e-9)
