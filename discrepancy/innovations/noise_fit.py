@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
+from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, Score, innovation_weighting
 
 __all__ = [
     "RecordColumns",
@@ -33,14 +33,14 @@ MOST_PROCESSES = 6
 #: fitted to all samples.  The likelihood has many maxima, and what promises most at the sizes, memories and frequencies
 #: that are offered is often not what is worth most when these are fitted.  When the best of each kind was fitted to all
 #: samples at once, four of six noise models ended 48 to 597 nats lower.
-PER_PLACE, THINNED_FITS, FITS = 2, 12, 3
+PER_PLACE, THINNED_FITS, FITS = 2, 8, 2
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
 #: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
 ROUNDS, FURTHEST = 30, 6.0
-#: How far the logarithms of a memory and of a frequency may move in one fit, from one that is offered to the next (of
-#: frequencies an octave), and the step of the differences that stand for their derivatives.
-FURTHEST_MEMORY, FURTHEST_FREQUENCY, DIFFERENCE = 2.5, 0.7, 1e-3
+#: How far the logarithms of a memory and of a frequency may move in one fit: from one that is offered to the next (of
+#: frequencies an octave).
+FURTHEST_MEMORY, FURTHEST_FREQUENCY = 2.5, 0.7
 #: Slope, over coordinates in which the likelihood is about as curved as a unit normal distribution, below which it
 #: counts as level, and most points of a line search: what they give away is far below `PROCESS_PRICE`.
 STEEP, LINE_SEARCH = 0.3, 6
@@ -197,8 +197,8 @@ class FilteredRecord:
             own_log_det=0.5 * float(np.sum(np.log1p(self.information))),
         )
 
-    def score(self, change: np.ndarray, shared_root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the marginal likelihood by the logarithms of all standard deviations.
+    def score(self, change: np.ndarray, shared_root: np.ndarray) -> Score:
+        """Return the derivatives of the marginal likelihood.
 
         Parameters
         ----------
@@ -206,11 +206,6 @@ class FilteredRecord:
             Of the shared parameters, at the largest likelihood.
         shared_root : ndarray, shape (k, r)
             Root of their covariance.
-
-        Returns
-        -------
-        noise : ndarray, shape (n_c,)
-        processes : ndarray, shape (p,)
         """
         free = self.without_own(1.0)
         left = free[:, :1] - free[:, 1:] @ change[:, None]
@@ -350,8 +345,8 @@ def restricted_log_likelihoods(
 
 def restricted_score(
     records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Return the log marginal likelihood of a noise model and its derivatives by the logarithms of deviations.
+) -> tuple[float, Score]:
+    """Return the log marginal likelihood of a noise model and its derivatives.
 
     Parameters
     ----------
@@ -361,16 +356,15 @@ def restricted_score(
     Returns
     -------
     value : float
-    derivatives : ndarray, shape (n_c + p,)
-        By those of the white noise of every output, then of every process.
+    score : Score
+        Zero where the likelihood cannot be computed.
     """
     done = _solved(records, model, prior_std, prior_offset)
     if done is None:
-        return -np.inf, np.zeros(len(model.noise) + len(model.processes))
+        none = np.zeros(len(model.processes))
+        return -np.inf, Score(noise=np.zeros(len(model.noise)), std=none, memory=none, frequency=none)
     filtered, solved = done
-    return solved.log_likelihood, np.sum(
-        [np.concatenate(r.score(solved.change, solved.root)) for r in filtered], axis=0
-    )
+    return solved.log_likelihood, Score.total([r.score(solved.change, solved.root) for r in filtered])
 
 
 def likeliest_change(
@@ -419,42 +413,41 @@ class _Objective:
         drawn = [min(sum(1.0 + t / q.memory for t in durations), count) for q in model.processes]
         return 2.0 * np.array([*(count for _ in model.noise), *drawn])
 
-    def climbed(self, model: NoiseModel, value: float, shapes: Sequence[int] = ()) -> tuple[NoiseModel, float]:
-        """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood.
+    def climbed(self, model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
+        """Maximise over all standard deviations, memories and frequencies, beginning at a model and its likelihood.
 
-        Of the processes in ``shapes`` memory and frequency are fitted as well: derivatives by these are differences.
+        By L-BFGS-B over their logarithms.
         """
         from scipy.optimize import Bounds, minimize
 
         n_c, processes = len(model.noise), model.processes
-        swinging = [k for k in shapes if processes[k].frequency > 0.0]
-        n_std, n_shapes = n_c + len(processes), len(shapes)
+        p = len(processes)
+        swinging = [k for k, q in enumerate(processes) if q.frequency > 0.0]
+        parts = np.cumsum([n_c, p, p])
 
         def at(x: np.ndarray) -> NoiseModel:
-            moved = [replace(q, std=float(s)) for q, s in zip(processes, np.exp(x[n_c:n_std]), strict=True)]
-            for k, memory in zip(shapes, np.exp(x[n_std : n_std + n_shapes]), strict=True):
-                moved[k] = replace(moved[k], memory=float(memory))
-            for k, frequency in zip(swinging, np.exp(x[n_std + n_shapes :]), strict=True):
-                moved[k] = replace(moved[k], frequency=float(frequency))
-            return replace(model, noise=tuple(np.exp(x[:n_c]).tolist()), processes=tuple(moved))
+            noise, std, memory, frequency = (part.tolist() for part in np.split(np.exp(x), parts))
+            moved = [replace(q, std=s, memory=m) for q, s, m in zip(processes, std, memory, strict=True)]
+            for k, f in zip(swinging, frequency, strict=True):
+                moved[k] = replace(moved[k], frequency=f)
+            return replace(model, noise=tuple(noise), processes=tuple(moved))
 
-        of_shapes = [processes[k].memory for k in shapes] + [processes[k].frequency for k in swinging]
-        begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in processes), *of_shapes])
-        reach = np.repeat([FURTHEST, FURTHEST_MEMORY, FURTHEST_FREQUENCY], [n_std, n_shapes, len(swinging)])
+        of_processes = [*(max(q.std, 1e-300) for q in processes), *(q.memory for q in processes)]
+        begin = np.log([*model.noise, *of_processes, *(processes[k].frequency for k in swinging)])
+        reach = np.repeat([FURTHEST, FURTHEST_MEMORY, FURTHEST_FREQUENCY], [n_c + p, p, len(swinging)])
         least = begin - reach
         least[:n_c] = np.log(self.floor)
         begin = np.maximum(begin, least)
         curved = self.curvature(model)
-        unit = 1.0 / np.sqrt(np.concatenate([curved, *(curved[n_c + k, None] for k in (*shapes, *swinging))]))
+        unit = 1.0 / np.sqrt(np.concatenate([curved, curved[n_c:], curved[n_c:][swinging]]))
 
         def loss(scaled: np.ndarray) -> tuple[float, np.ndarray]:
             x = scaled * unit
-            reached, derivatives = restricted_score(self.records, at(x), self.prior_std, self.prior_offset)
+            reached, score = restricted_score(self.records, at(x), self.prior_std, self.prior_offset)
             if not reached > value - HOPELESS:
                 return HOPELESS - value, np.zeros(x.size)
-            beside = np.array([self.value(at(x + step)) for step in DIFFERENCE * np.eye(x.size)[n_std:]])
-            derivatives = np.concatenate([derivatives, (beside - reached) / DIFFERENCE])
-            return -reached, -derivatives * unit
+            slopes = np.concatenate([score.noise, score.std, score.memory, score.frequency[swinging]])
+            return -reached, -slopes * unit
 
         bounds: Any = Bounds(least / unit, (begin + reach) / unit)
         result = minimize(
@@ -519,7 +512,7 @@ def fit_noise(
         model, best = _without_needless(model, best, price, whole)
     while grow and len(model.processes) < MOST_PROCESSES:
         fitted, value = _with_another(model, best, candidates, thinned, whole)
-        fitted, value = whole.climbed(*_with_correlation(fitted, whole), shapes=range(len(fitted.processes)))
+        fitted, value = whole.climbed(*_with_correlation(fitted, whole))
         if value < best + price and len(model.processes) + 1 < MOST_PROCESSES:
             fitted, value = _with_two_for_one(model, best, candidates, thinned, whole)
         if value < best + price:
@@ -534,9 +527,8 @@ def _with_another(
     model: NoiseModel, value: float, candidates: Sequence[Process], thinned: _Objective, whole: _Objective
 ) -> tuple[NoiseModel, float]:
     """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
-    last = [len(model.processes)]
     promising = _promising(model, candidates, thinned)[:FITS]
-    trials = [whole.climbed(trial, whole.value(trial), last) for trial, _ in promising]
+    trials = [whole.climbed(trial, whole.value(trial)) for trial, _ in promising]
     return max(trials, key=lambda t: t[1], default=(model, value))
 
 
@@ -556,7 +548,7 @@ def _with_two_for_one(
         second = [two for one, _ in first for two in _promising(one, there, thinned)[:1]]
         for trial, reached in second:
             if reached > reference:
-                fitted = whole.climbed(trial, whole.value(trial), range(len(trial.processes)))
+                fitted = whole.climbed(trial, whole.value(trial))
                 best = max(best, fitted, key=lambda t: t[1])
     return best
 

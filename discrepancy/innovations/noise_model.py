@@ -95,6 +95,29 @@ class NoiseModel:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Score:
+    """Derivatives of a likelihood by logarithms.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (n_c,)
+        By the standard deviations of the white noise, at a given correlation.
+    std, memory, frequency : ndarray, shape (p,)
+        By what each process is made of; zero by the frequency of one that does not swing.
+    """
+
+    noise: np.ndarray
+    std: np.ndarray
+    memory: np.ndarray
+    frequency: np.ndarray
+
+    @classmethod
+    def total(cls, scores: Sequence[Score]) -> Score:
+        """Return the sum over independent records."""
+        return cls(**{name: np.sum([getattr(s, name) for s in scores], axis=0) for name in cls.__dataclass_fields__})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class InnovationWeighting:
     """Whitening of one record's blocks by the Kalman filter along its trajectory: W with Wᵀ W = Σ⁻¹.
 
@@ -102,7 +125,7 @@ class InnovationWeighting:
     ----------
     record : LinearRecord
     model : NoiseModel
-    gain, root : ndarray
+    gain, root, latent : ndarray
         As in `discrepancy.innovations.kernel.covariance_pass`.
     log_det : float
         Half the logarithm of the determinant of Σ.
@@ -112,6 +135,7 @@ class InnovationWeighting:
     model: NoiseModel
     gain: np.ndarray
     root: np.ndarray
+    latent: np.ndarray
     log_det: float
 
     def __call__(self, block: np.ndarray) -> np.ndarray:
@@ -122,44 +146,69 @@ class InnovationWeighting:
         """Return the block that has these standardised innovations."""
         return self._filtered(block, True)
 
-    def score(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the likelihood by the logarithms of the standard deviations.
+    def score(self, white: np.ndarray) -> Score:
+        """Return the derivatives of the likelihood by the logarithms of what a noise model consists of.
 
         Parameters
         ----------
         white : ndarray, shape (n, n_channels, q)
             Standardised innovations whose squares are added up: of the residual, and of what is uncertain in it.
-
-        Returns
-        -------
-        noise : ndarray, shape (n_c,)
-            By those of the white noise, at a given correlation.
-        processes : ndarray, shape (p,)
         """
-        model = self.model
-        owner = _owners(model.processes)
-        driving, noise = np.zeros(owner.size), np.zeros((white.shape[1], white.shape[1]))
+        processes, step = self.model.processes, np.diff(self.record.time)[:, None]
+        owner, (along, turn) = _owners(processes), _transitions(self.record, processes)
+        variance = _variances(processes)
+        noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(owner.size)
+        driving, kept, gained = (np.zeros(along.shape) for _ in range(3))
         score_pass(
-            *self._filter(),
+            *self._machine(),
+            *_indices(processes),
+            along,
+            turn,
+            variance,
+            self.gain,
+            self.root,
+            self.latent,
             np.ascontiguousarray(white),
-            driving,
             noise,
+            first,
+            driving,
+            kept,
+            gained,
         )
-        of_processes = np.bincount(owner, driving, minlength=len(model.processes))
-        variances = np.array([q.std**2 for q in model.processes])
-        return np.sum(noise * model.noise_covariance(), axis=1), of_processes * variances
+        lost = 1.0 - along**2 - turn**2
+        forgotten = step / np.array([processes[k].memory for k in owner])
+        angle = 2.0 * np.pi * step * np.array([processes[k].frequency for k in owner])
+        # the second component turns the other way: `turn` is the sine of the angle with the sign of the component
+        sign = np.where(np.diff(owner, prepend=-1) == 0, 1.0, -1.0)
+        of_std = first + np.sum(driving * lost, axis=0)
+        by_memory = kept * along + gained * turn - driving * variance * (1.0 - lost)
+        by_frequency = sign * (gained * along - kept * turn)
 
-    def _filter(self) -> tuple[np.ndarray, ...]:
-        """Return what the compiled recursions take of the record and of its filter."""
-        r, processes = self.record, self.model.processes
-        transitions = (r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts)
-        return (*transitions, *_indices(processes), *_transitions(r, processes), self.gain, self.root)
+        def of_processes(by_component: np.ndarray) -> np.ndarray:
+            return np.bincount(owner, by_component, minlength=len(processes))
+
+        return Score(
+            noise=np.sum(noise * self.model.noise_covariance(), axis=1),
+            std=of_processes(of_std * variance),
+            memory=of_processes(np.sum(by_memory * forgotten, axis=0)),
+            frequency=of_processes(np.sum(by_frequency * angle, axis=0)),
+        )
+
+    def _machine(self) -> tuple[np.ndarray, ...]:
+        """Return what the compiled recursions take of the record."""
+        r = self.record
+        return r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts
 
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
         out = np.empty_like(columns)
+        processes = self.model.processes
         filter_columns(
-            *self._filter(),
+            *self._machine(),
+            *_indices(processes),
+            *_transitions(self.record, processes),
+            self.gain,
+            self.root,
             columns,
             out,
             inverse,
@@ -172,7 +221,7 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
     count, n_c, n = record.c.shape
     owner = _owners(model.processes)
     size = n + owner.size
-    gain, root = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c))
+    gain, root, latent = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c)), np.zeros((count, owner.size, size))
     log_det = covariance_pass(
         record.phi,
         record.gamma0,
@@ -182,17 +231,25 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.counts,
         *_indices(model.processes),
         *_transitions(record, model.processes),
-        np.array([model.processes[k].std ** 2 for k in owner]),
+        _variances(model.processes),
         model.noise_covariance(),
         gain,
         root,
+        latent,
     )
-    return InnovationWeighting(record=record, model=model, gain=gain, root=root, log_det=float(log_det))
+    return InnovationWeighting(
+        record=record, model=model, gain=gain, root=root, latent=latent, log_det=float(log_det)
+    )
 
 
 def _owners(processes: Sequence[Process]) -> np.ndarray:
     """Return the process that each component belongs to: one that swings has two, the second of which acts nowhere."""
     return np.array([k for k, q in enumerate(processes) for _ in range(2 if q.frequency > 0.0 else 1)], dtype=np.int64)
+
+
+def _variances(processes: Sequence[Process]) -> np.ndarray:
+    """Return the stationary variance of every component."""
+    return np.array([processes[k].std ** 2 for k in _owners(processes)])
 
 
 def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
