@@ -192,8 +192,28 @@ def covariance_pass(  # type: ignore[no-untyped-def]
 
 @njit_kept(calls=(_output_rows, _state_rows), nogil=True)
 def score_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, counts, source, channel, partner, along, turn, variance, gain, root, latent, white,
-    noise, first, driving, kept, gained
+    phi,
+    g0,
+    g1,
+    c,
+    d,
+    observed,
+    counts,
+    source,
+    channel,
+    partner,
+    along,
+    turn,
+    variance,
+    gain,
+    root,
+    latent,
+    white,
+    noise,
+    first,
+    driving,
+    kept,
+    gained,
 ):
     """Run the disturbance smoother backwards along a record; write what the derivatives of the likelihood consist of.
 

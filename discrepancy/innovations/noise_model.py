@@ -125,7 +125,7 @@ class InnovationWeighting:
     ----------
     record : LinearRecord
     model : NoiseModel
-    gain, root, latent : ndarray
+    along, turn, gain, root, latent : ndarray
         As in `discrepancy.innovations.kernel.covariance_pass`.
     log_det : float
         Half the logarithm of the determinant of Σ.
@@ -133,6 +133,8 @@ class InnovationWeighting:
 
     record: LinearRecord
     model: NoiseModel
+    along: np.ndarray
+    turn: np.ndarray
     gain: np.ndarray
     root: np.ndarray
     latent: np.ndarray
@@ -155,7 +157,7 @@ class InnovationWeighting:
             Standardised innovations whose squares are added up: of the residual, and of what is uncertain in it.
         """
         processes, step = self.model.processes, np.diff(self.record.time)[:, None]
-        owner, (along, turn) = _owners(processes), _transitions(self.record, processes)
+        owner, along, turn = _owners(processes), self.along, self.turn
         variance = _variances(processes)
         noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(owner.size)
         driving, kept, gained = (np.zeros(along.shape) for _ in range(3))
@@ -175,14 +177,11 @@ class InnovationWeighting:
             kept,
             gained,
         )
+        memory, frequency, sense = _shapes(processes)
         lost = 1.0 - along**2 - turn**2
-        forgotten = step / np.array([processes[k].memory for k in owner])
-        angle = 2.0 * np.pi * step * np.array([processes[k].frequency for k in owner])
-        # the second component turns the other way: `turn` is the sine of the angle with the sign of the component
-        sign = np.where(np.diff(owner, prepend=-1) == 0, 1.0, -1.0)
         of_std = first + np.sum(driving * lost, axis=0)
         by_memory = kept * along + gained * turn - driving * variance * (1.0 - lost)
-        by_frequency = sign * (gained * along - kept * turn)
+        by_frequency = sense * (gained * along - kept * turn)
 
         def of_processes(by_component: np.ndarray) -> np.ndarray:
             return np.bincount(owner, by_component, minlength=len(processes))
@@ -190,8 +189,8 @@ class InnovationWeighting:
         return Score(
             noise=np.sum(noise * self.model.noise_covariance(), axis=1),
             std=of_processes(of_std * variance),
-            memory=of_processes(np.sum(by_memory * forgotten, axis=0)),
-            frequency=of_processes(np.sum(by_frequency * angle, axis=0)),
+            memory=of_processes(np.sum(by_memory * step / memory, axis=0)),
+            frequency=of_processes(np.sum(by_frequency * 2.0 * np.pi * frequency * step, axis=0)),
         )
 
     def _machine(self) -> tuple[np.ndarray, ...]:
@@ -202,11 +201,11 @@ class InnovationWeighting:
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
         out = np.empty_like(columns)
-        processes = self.model.processes
         filter_columns(
             *self._machine(),
-            *_indices(processes),
-            *_transitions(self.record, processes),
+            *_indices(self.model.processes),
+            self.along,
+            self.turn,
             self.gain,
             self.root,
             columns,
@@ -222,6 +221,7 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
     owner = _owners(model.processes)
     size = n + owner.size
     gain, root, latent = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c)), np.zeros((count, owner.size, size))
+    along, turn = _transitions(record, model.processes)
     log_det = covariance_pass(
         record.phi,
         record.gamma0,
@@ -230,7 +230,8 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.d,
         record.counts,
         *_indices(model.processes),
-        *_transitions(record, model.processes),
+        along,
+        turn,
         _variances(model.processes),
         model.noise_covariance(),
         gain,
@@ -238,7 +239,14 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         latent,
     )
     return InnovationWeighting(
-        record=record, model=model, gain=gain, root=root, latent=latent, log_det=float(log_det)
+        record=record,
+        model=model,
+        along=along,
+        turn=turn,
+        gain=gain,
+        root=root,
+        latent=latent,
+        log_det=float(log_det),
     )
 
 
@@ -271,15 +279,17 @@ def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.n
     return as_index[0], as_index[1], as_index[2]
 
 
+def _shapes(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return memory and frequency of every component, and the sense in which it turns."""
+    owner = _owners(processes)
+    memory = np.array([processes[k].memory for k in owner])
+    frequency = np.array([processes[k].frequency for k in owner])
+    return memory, frequency, np.where(np.diff(owner, prepend=-1) == 0, 1.0, -1.0)
+
+
 def _transitions(record: LinearRecord, processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray]:
     """Return what every component keeps of itself from sample to sample, and what it gains of its partner."""
-    step = np.diff(record.time)
-    owner = _owners(processes)
-    along, turn = np.zeros((step.size, owner.size)), np.zeros((step.size, owner.size))
-    for j, k in enumerate(owner):
-        q = processes[k]
-        decay, angle = np.exp(-step / q.memory), 2.0 * np.pi * q.frequency * step
-        along[:, j] = decay * np.cos(angle)
-        second = j > 0 and owner[j - 1] == k
-        turn[:, j] = decay * np.sin(angle) * (1.0 if second else -1.0)
-    return along, turn
+    step = np.diff(record.time)[:, None]
+    memory, frequency, sense = _shapes(processes)
+    decay, angle = np.exp(-step / memory), 2.0 * np.pi * frequency * step
+    return decay * np.cos(angle), sense * decay * np.sin(angle)
