@@ -102,6 +102,7 @@ class StageLikelihood:
     given_left_out: tuple[np.ndarray, ...] | None = None
     given_noise: FittedNoise | None = None
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
+    _fitted: list[FittedNoise] = field(default_factory=list, init=False, repr=False)
 
     def with_richer_noise(self) -> StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
@@ -176,11 +177,16 @@ class StageLikelihood:
         shapes = [e.parameter_name(k) for e in effects for k in e.definition.free_shapes]
         return (*self.stage.identify.at_bound, *shapes)
 
-    @cached_property
+    @property
     def noise(self) -> FittedNoise:
         """The noise model that explains the residual best beside the calibration."""
         if self.given_noise is not None:
             return self.given_noise
+        if not self._fitted:  # no cached_property: on Python 3.11 that is one lock for all models
+            self._fitted.append(self._fitted_noise())
+        return self._fitted[0]
+
+    def _fitted_noise(self) -> FittedNoise:
         records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
         given: list[tuple[NoiseModel | None, bool]] = [(self.start, self.grow)] if self.start is not None else []

@@ -503,7 +503,7 @@ def fit_noise(
     whole = _Objective(records=records, prior_std=prior_std, prior_offset=prior_offset, floor=floor)
     rows = sum(r.residual.size for r in records)
     count = max(1, min(rows // SCREENING_ROWS, min(len(r.residual) for r in records) // 50))
-    thinned = replace(whole, records=[r.every(count) for r in records])
+    thinned = whole if count == 1 else replace(whole, records=[r.every(count) for r in records])
     if start is None:
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
@@ -528,8 +528,9 @@ def _with_another(
 ) -> tuple[NoiseModel, float]:
     """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
     promising = _promising(model, candidates, thinned)[:FITS]
-    trials = [whole.climbed(trial, whole.value(trial)) for trial, _ in promising]
-    return max(trials, key=lambda t: t[1], default=(model, value))
+    if thinned is not whole:
+        promising = [whole.climbed(trial, whole.value(trial)) for trial, _ in promising]
+    return max(promising, key=lambda t: t[1], default=(model, value))
 
 
 def _with_two_for_one(
@@ -548,7 +549,7 @@ def _with_two_for_one(
         second = [two for one, _ in first for two in _promising(one, there, thinned)[:1]]
         for trial, reached in second:
             if reached > reference:
-                fitted = whole.climbed(trial, whole.value(trial))
+                fitted = (trial, reached) if thinned is whole else whole.climbed(trial, whole.value(trial))
                 best = max(best, fitted, key=lambda t: t[1])
     return best
 

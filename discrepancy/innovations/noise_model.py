@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,6 +68,36 @@ class Process:
         return self.frequency == 0.0 and self.memory > duration
 
 
+class Components(NamedTuple):
+    """What the compiled recursions take of processes: one that swings has two components, the second acts nowhere.
+
+    Parameters
+    ----------
+    owner : ndarray of int, shape (c,)
+        Process that each belongs to.
+    source, channel, partner : ndarray of int, shape (c,)
+        As in `discrepancy.innovations.kernel.covariance_pass`.
+    sense : ndarray, shape (c,)
+        In which each turns into its partner, ±1.
+    variance, memory, frequency : ndarray, shape (c,)
+    """
+
+    owner: np.ndarray
+    source: np.ndarray
+    channel: np.ndarray
+    partner: np.ndarray
+    sense: np.ndarray
+    variance: np.ndarray
+    memory: np.ndarray
+    frequency: np.ndarray
+
+    def transitions(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what each keeps of itself over every step, s, and what it gains of its partner, (N - 1, c) each."""
+        decay = np.exp(-step[:, None] / self.memory)
+        angle = (2.0 * np.pi * self.frequency) * step[:, None]
+        return decay * np.cos(angle), self.sense * decay * np.sin(angle)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseModel:
     """White noise of the outputs, and latent processes: all independent of each other.
@@ -85,6 +117,31 @@ class NoiseModel:
     noise: tuple[float, ...]
     processes: tuple[Process, ...] = ()
     correlation: np.ndarray | None = None
+
+    @cached_property
+    def components(self) -> Components:
+        """What the recursions take of the processes."""
+        count = [2 if q.frequency > 0.0 else 1 for q in self.processes]
+        owner = np.repeat(np.arange(len(count)), count)
+        begins = np.concatenate([[0], np.cumsum(count, dtype=np.int64)])[owner]
+        second = np.arange(owner.size) > begins
+
+        def of(values: Sequence[float]) -> np.ndarray:
+            return np.array(values, dtype=float)[owner]
+
+        def first_only(values: Sequence[int]) -> np.ndarray:
+            return np.where(second, -1, np.array(values, dtype=np.int64)[owner])
+
+        return Components(
+            owner=owner,
+            source=first_only([q.source for q in self.processes]),
+            channel=first_only([q.channel for q in self.processes]),
+            partner=2 * begins + np.array(count, dtype=np.int64)[owner] - 1 - np.arange(owner.size),
+            sense=np.where(second, 1.0, -1.0),
+            variance=of([q.std**2 for q in self.processes]),
+            memory=of([q.memory for q in self.processes]),
+            frequency=of([q.frequency for q in self.processes]),
+        )
 
     def noise_covariance(self) -> np.ndarray:
         """Return the covariance of the white noise, shape (n_c, n_c)."""
@@ -156,17 +213,18 @@ class InnovationWeighting:
         white : ndarray, shape (n, n_channels, q)
             Standardised innovations whose squares are added up: of the residual, and of what is uncertain in it.
         """
-        processes, step = self.model.processes, np.diff(self.record.time)[:, None]
-        owner, along, turn = _owners(processes), self.along, self.turn
-        variance = _variances(processes)
-        noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(owner.size)
+        parts, step = self.model.components, np.diff(self.record.time)
+        along, turn = self.along, self.turn
+        noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(parts.owner.size)
         driving, kept, gained = (np.zeros(along.shape) for _ in range(3))
         score_pass(
             *self._machine(),
-            *_indices(processes),
+            parts.source,
+            parts.channel,
+            parts.partner,
             along,
             turn,
-            variance,
+            parts.variance,
             self.gain,
             self.root,
             self.latent,
@@ -177,20 +235,19 @@ class InnovationWeighting:
             kept,
             gained,
         )
-        memory, frequency, sense = _shapes(processes)
-        lost = 1.0 - along**2 - turn**2
-        of_std = first + np.sum(driving * lost, axis=0)
-        by_memory = kept * along + gained * turn - driving * variance * (1.0 - lost)
-        by_frequency = sense * (gained * along - kept * turn)
+        lasts = along**2 + turn**2  # of the variance, from sample to sample
+        of_std = first + np.sum(driving * (1.0 - lasts), axis=0)
+        of_memory = step @ (kept * along + gained * turn - driving * parts.variance * lasts)
+        of_frequency = step @ (gained * along - kept * turn)
 
         def of_processes(by_component: np.ndarray) -> np.ndarray:
-            return np.bincount(owner, by_component, minlength=len(processes))
+            return np.bincount(parts.owner, by_component, minlength=len(self.model.processes))
 
         return Score(
             noise=np.sum(noise * self.model.noise_covariance(), axis=1),
-            std=of_processes(of_std * variance),
-            memory=of_processes(np.sum(by_memory * step / memory, axis=0)),
-            frequency=of_processes(np.sum(by_frequency * 2.0 * np.pi * frequency * step, axis=0)),
+            std=of_processes(of_std * parts.variance),
+            memory=of_processes(of_memory / parts.memory),
+            frequency=of_processes(parts.sense * of_frequency * 2.0 * np.pi * parts.frequency),
         )
 
     def _machine(self) -> tuple[np.ndarray, ...]:
@@ -200,10 +257,12 @@ class InnovationWeighting:
 
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
-        out = np.empty_like(columns)
+        out, parts = np.empty_like(columns), self.model.components
         filter_columns(
             *self._machine(),
-            *_indices(self.model.processes),
+            parts.source,
+            parts.channel,
+            parts.partner,
             self.along,
             self.turn,
             self.gain,
@@ -218,10 +277,14 @@ class InnovationWeighting:
 def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationWeighting:
     """Return the whitening of a record under a noise model."""
     count, n_c, n = record.c.shape
-    owner = _owners(model.processes)
-    size = n + owner.size
-    gain, root, latent = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c)), np.zeros((count, owner.size, size))
-    along, turn = _transitions(record, model.processes)
+    parts = model.components
+    size = n + parts.owner.size
+    gain, root, latent = (
+        np.zeros((count, size, n_c)),
+        np.zeros((count, n_c, n_c)),
+        np.zeros((count, parts.owner.size, size)),
+    )
+    along, turn = parts.transitions(np.diff(record.time))
     log_det = covariance_pass(
         record.phi,
         record.gamma0,
@@ -229,10 +292,12 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.c,
         record.d,
         record.counts,
-        *_indices(model.processes),
+        parts.source,
+        parts.channel,
+        parts.partner,
         along,
         turn,
-        _variances(model.processes),
+        parts.variance,
         model.noise_covariance(),
         gain,
         root,
@@ -248,48 +313,3 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         latent=latent,
         log_det=float(log_det),
     )
-
-
-def _owners(processes: Sequence[Process]) -> np.ndarray:
-    """Return the process that each component belongs to: one that swings has two, the second of which acts nowhere."""
-    return np.array([k for k, q in enumerate(processes) for _ in range(2 if q.frequency > 0.0 else 1)], dtype=np.int64)
-
-
-def _variances(processes: Sequence[Process]) -> np.ndarray:
-    """Return the stationary variance of every component."""
-    return np.array([processes[k].std ** 2 for k in _owners(processes)])
-
-
-def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return source, channel and partner of every component."""
-    source: list[int] = []
-    channel: list[int] = []
-    partner: list[int] = []
-    for q in processes:
-        here = len(source)
-        source.append(q.source)
-        channel.append(q.channel)
-        partner.append(here)
-        if q.frequency > 0.0:
-            source.append(-1)
-            channel.append(-1)
-            partner[here] = here + 1
-            partner.append(here)
-    as_index = [np.array(x, dtype=np.int64) for x in (source, channel, partner)]
-    return as_index[0], as_index[1], as_index[2]
-
-
-def _shapes(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return memory and frequency of every component, and the sense in which it turns."""
-    owner = _owners(processes)
-    memory = np.array([processes[k].memory for k in owner])
-    frequency = np.array([processes[k].frequency for k in owner])
-    return memory, frequency, np.where(np.diff(owner, prepend=-1) == 0, 1.0, -1.0)
-
-
-def _transitions(record: LinearRecord, processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray]:
-    """Return what every component keeps of itself from sample to sample, and what it gains of its partner."""
-    step = np.diff(record.time)[:, None]
-    memory, frequency, sense = _shapes(processes)
-    decay, angle = np.exp(-step / memory), 2.0 * np.pi * frequency * step
-    return decay * np.cos(angle), sense * decay * np.sin(angle)
