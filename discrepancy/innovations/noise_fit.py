@@ -403,15 +403,23 @@ class _Objective:
         """Return the log marginal likelihood."""
         return restricted_log_likelihood(self.records, model, self.prior_std, self.prior_offset)
 
+    @property
+    def count(self) -> int:
+        """Samples of all records."""
+        return sum(len(r.residual) for r in self.records)
+
+    def climbed_from(self, reached: tuple[NoiseModel, float], other: _Objective) -> tuple[NoiseModel, float]:
+        """Return a model that was fitted to another objective, with its value there, fitted to this one."""
+        return reached if other is self else self.climbed(reached[0], self.value(reached[0]))
+
     def curvature(self, model: NoiseModel) -> np.ndarray:
         """Return about how curved the likelihood is over the logarithm of every standard deviation, shape (n_c + p,).
 
         Twice the number of values that are drawn independently: of a process, one in every memory.
         """
-        count = sum(len(r.residual) for r in self.records)
         durations = [float(np.ptp(r.record.time)) for r in self.records]
-        drawn = [min(sum(1.0 + t / q.memory for t in durations), count) for q in model.processes]
-        return 2.0 * np.array([*(count for _ in model.noise), *drawn])
+        drawn = [min(sum(1.0 + t / q.memory for t in durations), self.count) for q in model.processes]
+        return 2.0 * np.array([*(self.count for _ in model.noise), *drawn])
 
     def climbed(self, model: NoiseModel, value: float) -> tuple[NoiseModel, float]:
         """Maximise over all standard deviations, memories and frequencies, beginning at a model and its likelihood.
@@ -526,11 +534,14 @@ def fit_noise(
 def _with_another(
     model: NoiseModel, value: float, candidates: Sequence[Process], thinned: _Objective, whole: _Objective
 ) -> tuple[NoiseModel, float]:
-    """Return a noise model with the process that raises its likelihood most, as far as a few trials show."""
-    promising = _promising(model, candidates, thinned)[:FITS]
-    if thinned is not whole:
-        promising = [whole.climbed(trial, whole.value(trial)) for trial, _ in promising]
-    return max(promising, key=lambda t: t[1], default=(model, value))
+    """Return a noise model with the process that raises its likelihood most, as far as a few trials show.
+
+    What promises most on the thinned records is fitted to all samples even where it promises little: a process that
+    is faster than these hardly shows there.
+    """
+    there, _ = thinned.climbed(model, thinned.value(model))
+    fitted = [whole.climbed_from(trial, thinned) for trial in _promising(there, candidates, thinned)[:FITS]]
+    return max(fitted, key=lambda t: t[1], default=(model, value))
 
 
 def _with_two_for_one(
@@ -544,26 +555,29 @@ def _with_two_for_one(
     best, (_, reference) = (model, value), thinned.climbed(model, thinned.value(model))
     for k, process in enumerate(model.processes):
         others = replace(model, processes=(*model.processes[:k], *model.processes[k + 1 :]))
+        without, _ = thinned.climbed(others, thinned.value(others))
         there = [q for q in candidates if _place(q)[:2] == _place(process)[:2]]
-        first = _promising(others, [q for q in there if _place(q) != _place(process)], thinned)[:1]
-        second = [two for one, _ in first for two in _promising(one, there, thinned)[:1]]
-        for trial, reached in second:
-            if reached > reference:
-                fitted = (trial, reached) if thinned is whole else whole.climbed(trial, whole.value(trial))
-                best = max(best, fitted, key=lambda t: t[1])
+        first = _promising(without, [q for q in there if _place(q) != _place(process)], thinned, 1)[:1]
+        second = [two for one, _ in first for two in _promising(one, there, thinned, 1)[:1]]
+        fitted = [whole.climbed_from(two, thinned) for two in second if two[1] > reference]
+        best = max([best, *fitted], key=lambda t: t[1])
     return best
 
 
-def _promising(model: NoiseModel, candidates: Sequence[Process], thinned: _Objective) -> list[tuple[NoiseModel, float]]:
-    """Return a noise model with one process more, fitted to the thinned records, and its likelihood, largest first."""
-    there, _ = thinned.climbed(model, thinned.value(model))
+def _promising(
+    model: NoiseModel, candidates: Sequence[Process], thinned: _Objective, per_place: int = PER_PLACE
+) -> list[tuple[NoiseModel, float]]:
+    """Return a noise model with one process more, fitted to the thinned records, and its likelihood, largest first.
+
+    Of every place so many processes are fitted.
+    """
     screened: dict[tuple[int, int, bool], list[tuple[float, NoiseModel]]] = {}
     for process in candidates:
         sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
-        trials = [replace(there, processes=(*there.processes, q)) for q in sizes]
+        trials = [replace(model, processes=(*model.processes, q)) for q in sizes]
         likeliest = max(((thinned.value(trial), trial) for trial in trials), key=lambda t: t[0])
         screened.setdefault(_place(process), []).append(likeliest)
-    first = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:PER_PLACE]]
+    first = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:per_place]]
     first = sorted(first, key=lambda t: -t[0])[:THINNED_FITS]
     return sorted((thinned.climbed(trial, reached) for reached, trial in first), key=lambda t: -t[1])
 
