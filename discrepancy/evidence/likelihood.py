@@ -86,8 +86,6 @@ class StageLikelihood:
         Of a neighbouring model, from which the fit of the noise begins.
     grow : bool
         Whether latent processes may be added to those of ``start``.
-    from_white : bool
-        Whether the noise is fitted from white noise as well, and the likelier fit kept.
     given_left_out : tuple of ndarray or None
         Samples of every record that are left out, of the first model of a search: all its models are compared on the
         same samples.  None: those at a standstill of this model.
@@ -98,7 +96,6 @@ class StageLikelihood:
     stage: Stage
     start: NoiseModel | None = None
     grow: bool = True
-    from_white: bool = False
     given_left_out: tuple[np.ndarray, ...] | None = None
     given_noise: FittedNoise | None = None
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
@@ -106,7 +103,7 @@ class StageLikelihood:
 
     def with_richer_noise(self) -> StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
-        return replace(self, start=self.noise.model, grow=True, from_white=not self.from_white, given_noise=None)
+        return replace(self, start=self.noise.model, grow=True, given_noise=None)
 
     def with_likelier_noise(self, start: NoiseModel) -> StageLikelihood | None:
         """Return the same stage with its noise fitted from that of another model; None where that is no likelier."""
@@ -118,12 +115,10 @@ class StageLikelihood:
     def _value(self, fitted: FittedNoise) -> float:
         return fitted.log_likelihood + log_price(self.linearised, fitted.model)
 
-    def neighbour(self, stage: Stage, noise: NoiseModel | None = None, *, from_white: bool = False) -> StageLikelihood:
+    def neighbour(self, stage: Stage, noise: NoiseModel | None = None) -> StageLikelihood:
         """Return the likelihood of another fit on the same samples; its noise begins with this one's, or as given."""
         start = noise or self.noise.model
-        return StageLikelihood(
-            stage=stage, start=start, grow=False, from_white=from_white, given_left_out=self.left_out
-        )
+        return StageLikelihood(stage=stage, start=start, grow=False, given_left_out=self.left_out)
 
     @property
     def linearised(self) -> LinearisedProblem:
@@ -189,11 +184,8 @@ class StageLikelihood:
     def _fitted_noise(self) -> FittedNoise:
         records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
-        given: list[tuple[NoiseModel | None, bool]] = [(self.start, self.grow)] if self.start is not None else []
-        if self.from_white or self.start is None:
-            given.append((None, True))
-        fits = [fitted_noise(self.linearised, records, columns, std, offset, start, grow=grow) for start, grow in given]
-        return max(fits, key=self._value)
+        grow = self.grow or self.start is None
+        return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=grow)
 
     def likeliest_values(self, *, shapes: bool = False) -> dict[str, float]:
         """Return the parameters, the strengths among them, of largest likelihood, within their bounds, SI.

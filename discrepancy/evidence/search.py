@@ -299,7 +299,7 @@ class EvidenceSearch:
                 try:
                     if stage is None:
                         stage = self._likeliest_near_expected(model, proposal, parent)
-                    likelihood = source.neighbour(stage, proposal.noise, from_white=proposal.new_noise)
+                    likelihood = source.neighbour(stage, proposal.noise)
                     if proposal.new_noise:  # as rich as that of the model that is extended
                         likelihood = likelihood.with_richer_noise()
                     assert self.prior is not None

@@ -36,11 +36,9 @@ MOST_PROCESSES = 6
 PER_PLACE, THINNED_FITS, FITS = 2, 8, 2
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
-#: Most iterations, and how far the logarithm of a standard deviation may move in all: by a factor of 400.
-ROUNDS, FURTHEST = 30, 6.0
-#: How far the logarithms of a memory and of a frequency may move in one fit: from one that is offered to the next (of
-#: frequencies an octave).
-FURTHEST_MEMORY, FURTHEST_FREQUENCY = 2.5, 0.7
+#: Most iterations, and how far the logarithms of a standard deviation and of a memory may move in all: by a factor of
+#: 400; of a frequency by an octave, to the next that is offered.
+ROUNDS, FURTHEST, FURTHEST_FREQUENCY = 30, 6.0, 0.7
 #: Slope, over coordinates in which the likelihood is about as curved as a unit normal distribution, below which it
 #: counts as level, and most points of a line search: what they give away is far below `PROCESS_PRICE`.
 STEEP, LINE_SEARCH = 0.3, 6
@@ -442,7 +440,7 @@ class _Objective:
 
         of_processes = [*(max(q.std, 1e-300) for q in processes), *(q.memory for q in processes)]
         begin = np.log([*model.noise, *of_processes, *(processes[k].frequency for k in swinging)])
-        reach = np.repeat([FURTHEST, FURTHEST_MEMORY, FURTHEST_FREQUENCY], [n_c + p, p, len(swinging)])
+        reach = np.repeat([FURTHEST, FURTHEST_FREQUENCY], [n_c + 2 * p, len(swinging)])
         least = begin - reach
         least[:n_c] = np.log(self.floor)
         begin = np.maximum(begin, least)
