@@ -89,7 +89,7 @@ def diagnosed(name: str, true: float) -> tuple[Study, Conclusion]:
 @pytest.mark.parametrize(
     ("kind", "name", "factor"),
     [
-        ("proportional_gain", "control.k_p", 1.3),
+        pytest.param("proportional_gain", "control.k_p", 1.3, marks=pytest.mark.slow),
         ("resistance", "motor.R", 1.25),
         pytest.param("torque_constant", "motor.k_t", 0.9, marks=pytest.mark.slow),
     ],
