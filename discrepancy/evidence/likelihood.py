@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.fewer_states import with_fewer_states
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
-from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, fit_noise, likeliest_change
+from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, fit_noise, likeliest_change, likeliest_rise
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -39,8 +39,10 @@ SHORTEST = 200
 #: Memories of latent processes: so many, from two samples to a third of a record, evenly in their logarithm.
 MEMORIES = 4
 #: Frequencies of processes that swing: from so many cycles in a record, each twice the last, to so many samples in a
-#: cycle.  Their memory begins with one cycle: so wide a band that the next frequency overlaps it.
-CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 6.0
+#: cycle, the fewest there are: a speed made of differences of a quantised position, and what a sampled controller does
+#: with noisy measurements, change most from sample to sample.  Their memory begins with one cycle: so wide a band that
+#: the next frequency overlaps it.
+CYCLES, SAMPLES_OF_A_CYCLE = 3.0, 2.0
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3
 #: Share of the log evidence lost without the latent processes that what stands in their place must regain: more than
@@ -84,8 +86,6 @@ class StageLikelihood:
         Of a neighbouring model, from which the fit of the noise begins.
     grow : bool
         Whether latent processes may be added to those of ``start``.
-    from_white : bool
-        Whether the noise is fitted from white noise as well, and the likelier fit kept.
     given_left_out : tuple of ndarray or None
         Samples of every record that are left out, of the first model of a search: all its models are compared on the
         same samples.  None: those at a standstill of this model.
@@ -96,14 +96,14 @@ class StageLikelihood:
     stage: Stage
     start: NoiseModel | None = None
     grow: bool = True
-    from_white: bool = False
     given_left_out: tuple[np.ndarray, ...] | None = None
     given_noise: FittedNoise | None = None
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
+    _fitted: list[FittedNoise] = field(default_factory=list, init=False, repr=False)
 
     def with_richer_noise(self) -> StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
-        return replace(self, start=self.noise.model, grow=True, from_white=not self.from_white, given_noise=None)
+        return replace(self, start=self.noise.model, grow=True, given_noise=None)
 
     def with_likelier_noise(self, start: NoiseModel) -> StageLikelihood | None:
         """Return the same stage with its noise fitted from that of another model; None where that is no likelier."""
@@ -115,12 +115,10 @@ class StageLikelihood:
     def _value(self, fitted: FittedNoise) -> float:
         return fitted.log_likelihood + log_price(self.linearised, fitted.model)
 
-    def neighbour(self, stage: Stage, noise: NoiseModel | None = None, *, from_white: bool = False) -> StageLikelihood:
+    def neighbour(self, stage: Stage, noise: NoiseModel | None = None) -> StageLikelihood:
         """Return the likelihood of another fit on the same samples; its noise begins with this one's, or as given."""
         start = noise or self.noise.model
-        return StageLikelihood(
-            stage=stage, start=start, grow=False, from_white=from_white, given_left_out=self.left_out
-        )
+        return StageLikelihood(stage=stage, start=start, grow=False, given_left_out=self.left_out)
 
     @property
     def linearised(self) -> LinearisedProblem:
@@ -174,30 +172,50 @@ class StageLikelihood:
         shapes = [e.parameter_name(k) for e in effects for k in e.definition.free_shapes]
         return (*self.stage.identify.at_bound, *shapes)
 
-    @cached_property
+    @property
     def noise(self) -> FittedNoise:
         """The noise model that explains the residual best beside the calibration."""
         if self.given_noise is not None:
             return self.given_noise
+        if not self._fitted:  # no cached_property: on Python 3.11 that is one lock for all models
+            self._fitted.append(self._fitted_noise())
+        return self._fitted[0]
+
+    def _fitted_noise(self) -> FittedNoise:
         records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
-        given: list[tuple[NoiseModel | None, bool]] = [(self.start, self.grow)] if self.start is not None else []
-        if self.from_white or self.start is None:
-            given.append((None, True))
-        fits = [fitted_noise(self.linearised, records, columns, std, offset, start, grow=grow) for start, grow in given]
-        return max(fits, key=self._value)
+        grow = self.grow or self.start is None
+        return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=grow)
 
-    def likeliest_values(self) -> dict[str, float]:
+    def likeliest_values(self, *, shapes: bool = False) -> dict[str, float]:
         """Return the parameters, the strengths among them, of largest likelihood, within their bounds, SI.
 
         The stage was fitted by least squares, to which what a random force does counts as an error like any other.
+
+        Parameters
+        ----------
+        shapes : bool
+            Whether the shapes of laws move as well.
         """
-        identify = self.stage.identify
+        identify, held, change = self.stage.identify, self.held, self.noise.change
+        if shapes:
+            held = tuple(identify.at_bound)
+            columns, std, offset = record_columns(self.linearised, self.noise.records, held)
+            change = likeliest_change(columns, self.noise.model, std, offset)
         values, bounds = identify.to_dict(), {q.name: (q.min, q.max) for q in identify.parameters}
-        moved = [n for n in self.linearised.sensitivities().names if n not in self.held]
-        for name, change in zip(moved, self.noise.change, strict=True):
-            values[name] = float(np.clip(values[name] + change, *bounds[name]))
+        moved = [n for n in self.linearised.sensitivities().names if n not in held]
+        for name, step in zip(moved, change, strict=True):
+            values[name] = float(np.clip(values[name] + step, *bounds[name]))
         return values
+
+    def promise_of_shapes(self) -> float:
+        """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""
+
+        def rise(held: Sequence[str]) -> float:
+            columns, std, offset = record_columns(self.linearised, self.noise.records, held)
+            return likeliest_rise(columns, self.noise.model, std, offset)
+
+        return rise(self.stage.identify.at_bound) - rise(self.held)
 
     @cached_property
     def weighted(self) -> LinearisedProblem:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.evidence import moves
-from discrepancy.evidence.criterion import ModelPrior, log_evidence
+from discrepancy.evidence.criterion import Evidence, ModelPrior, log_evidence
 from discrepancy.evidence.laws_of_a_curve import CurveLaws, laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
@@ -22,6 +22,7 @@ from discrepancy.evidence.predictive import (
     predictive_gain,
 )
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
+from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
@@ -298,7 +299,7 @@ class EvidenceSearch:
                 try:
                     if stage is None:
                         stage = self._likeliest_near_expected(model, proposal, parent)
-                    likelihood = source.neighbour(stage, proposal.noise, from_white=proposal.new_noise)
+                    likelihood = source.neighbour(stage, proposal.noise)
                     if proposal.new_noise:  # as rich as that of the model that is extended
                         likelihood = likelihood.with_richer_noise()
                     assert self.prior is not None
@@ -309,6 +310,7 @@ class EvidenceSearch:
                             "score promises: it comes from another linearisation"
                         )
                     if math.isfinite(evidence.total):
+                        likelihood, evidence = self._with_likeliest_shapes(likelihood, evidence)
                         model.likelihood, model.evidence = likelihood, evidence
                         likelihood.free_memory()
                 except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
@@ -381,6 +383,35 @@ class EvidenceSearch:
             raise RuntimeError("a strength is zero: it would act the other way")
         model.at_likeliest = True
         return stage
+
+    def _with_likeliest_shapes(
+        self, likelihood: StageLikelihood, evidence: Evidence
+    ) -> tuple[StageLikelihood, Evidence]:
+        """Return a model with the shapes of its laws moved to the largest likelihood, if it is more probable there.
+
+        A strength is integrated out about its likeliest value; a shape, such as the place about which a spring bends,
+        is held where least squares put it, and beside a random force that is not where it is likeliest.  With dry
+        friction it stays: what sticks does not follow from a linearisation elsewhere.  A rise far above what the
+        linearised likelihood promises comes from another linearisation as well.
+        """
+        shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
+        if not shapes or not likelihood.noise.model.processes or places_that_stick(likelihood.linearised):
+            return likelihood, evidence
+        promised = likelihood.promise_of_shapes()
+        if promised <= POLICY.improvement:
+            return likelihood, evidence
+        try:
+            stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True))
+            there = likelihood.neighbour(stage)
+            assert self.prior is not None
+            moved = log_evidence(there, self.prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            return likelihood, evidence
+        rise = moved.total - evidence.total
+        if not 0.0 < rise <= _most_believed(promised):
+            return likelihood, evidence
+        self.state.progress(f"{stage.name}: log evidence {rise:+.1f} at the likeliest shapes")
+        return there, moved
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
@@ -663,7 +694,8 @@ class EvidenceSearch:
 def _most_believed(promised: float) -> float:
     """Return the rise of the log evidence up to which it is that of the effect, given what the effect's score promises.
 
-    Where dry friction sticks, another linearisation alone changes the evidence by hundreds of nats.
+    Another linearisation alone changes the evidence: where dry friction sticks by hundreds of nats, beside a spring
+    that bends and a large random force by tens.
     """
     return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
 

@@ -39,7 +39,7 @@ def _state_rows(phi, g0, g1, source, partner, along, turn, k, A):  # type: ignor
 
 @njit_kept(calls=(_output_rows, _state_rows), nogil=True)
 def covariance_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, counts, source, channel, partner, along, turn, variance, noise, gain, root
+    phi, g0, g1, c, d, counts, source, channel, partner, along, turn, variance, noise, gain, root, latent
 ):
     """Run the covariance recursion of the Kalman filter along a record; return the sum of log √det S.
 
@@ -65,6 +65,8 @@ def covariance_pass(  # type: ignore[no-untyped-def]
         Filter gain: written.
     root : ndarray, shape (N, n_c, n_c)
         Inverse of the lower Cholesky factor of the innovations' covariance: written, where a sample counts.
+    latent : ndarray, shape (N, p, n + p)
+        Covariance of the processes with the states and the processes, after each sample: written.
 
     Raises
     ------
@@ -148,6 +150,9 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                             P[r, s] -= weighted * HP[i, s]
                     for s in range(r):
                         P[s, r] = P[r, s]
+        for j in range(p):
+            for s in range(size):
+                latent[k, j, s] = P[n + j, s]
         if k + 1 == count:
             break
         _state_rows(phi, g0, g1, source, partner, along, turn, k, A)
@@ -187,26 +192,52 @@ def covariance_pass(  # type: ignore[no-untyped-def]
 
 @njit_kept(calls=(_output_rows, _state_rows), nogil=True)
 def score_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, counts, source, channel, partner, along, turn, gain, root, white, driving, noise
+    phi,
+    g0,
+    g1,
+    c,
+    d,
+    observed,
+    counts,
+    source,
+    channel,
+    partner,
+    along,
+    turn,
+    variance,
+    gain,
+    root,
+    latent,
+    white,
+    noise,
+    first,
+    driving,
+    kept,
+    gained,
 ):
     """Run the disturbance smoother backwards along a record; write what the derivatives of the likelihood consist of.
 
     The score of a Gaussian state-space model (Koopman and Shephard, Biometrika 79, 1992): with the smoothed noises u of
     the outputs and r of the states, and their covariances D and N, each variance has as its derivative half the sum of
-    the squares minus the covariances.
+    the squares minus the covariances.  The derivative by the transition T of a sample, x ↦ T x, is
+    r E[x]ᵀ - N T P with the smoothed mean E[x] and the covariance P of the filter; that of the processes follows
+    forwards from the smoothed noises that drive them, for they depend on nothing else.
 
     Parameters
     ----------
-    phi, g0, g1, c, d, counts, source, channel, partner, along, turn, gain, root : ndarray
+    phi, g0, g1, c, d, counts, source, channel, partner, along, turn, variance, gain, root, latent : ndarray
         As in `covariance_pass`.
     observed : ndarray of bool, shape (N,)
     white : ndarray, shape (N_observed, n_c, q)
         Standardised innovations whose squares are added up: of a residual, and of what is uncertain in it.
-    driving : ndarray, shape (p,)
-        Written: for each process the sum of squares minus covariances of what drives it, for a stationary variance of
-        one.
     noise : ndarray, shape (n_c, n_c)
         Written: the sum of u uᵀ - D.
+    first : ndarray, shape (p,)
+        Written: for each process squares minus covariances of its first value.
+    driving : ndarray, shape (N - 1, p)
+        Written: squares minus covariances of what drives it to the next sample.
+    kept, gained : ndarray, shape (N - 1, p)
+        Written: derivatives by ``along`` and by ``turn``, what drives it held at its variance.
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     size, q = n + p, white.shape[2]
@@ -214,8 +245,9 @@ def score_pass(  # type: ignore[no-untyped-def]
     r, before = np.zeros((size, q)), np.zeros((size, q))
     N, NA = np.zeros((size, size)), np.zeros((size, size))
     u, E, F, D = np.zeros((n_c, q)), np.zeros((n_c, size)), np.zeros((n_c, size)), np.zeros((n_c, n_c))
-    g = np.zeros(size)
-    driving[:] = 0.0
+    g, m = np.zeros(size), np.zeros(size)
+    pushed = np.zeros((count, p, q))
+    path, path_next = np.zeros((p, q)), np.zeros((p, q))
     noise[:, :] = 0.0
     row = white.shape[0]
     for k in range(count - 1, -1, -1):
@@ -228,6 +260,7 @@ def score_pass(  # type: ignore[no-untyped-def]
                     driven = r[n + j, s]
                     for i in range(n):
                         driven += g[i] * r[i, s]
+                    pushed[k, j, s] = driven
                     total += driven * driven
                 total -= N[n + j, n + j]
                 for i in range(n):
@@ -235,7 +268,7 @@ def score_pass(  # type: ignore[no-untyped-def]
                         total -= 2.0 * g[i] * N[i, n + j]
                         for t in range(n):
                             total -= g[i] * g[t] * N[i, t]
-                driving[j] += (1.0 - along[k, j] ** 2 - turn[k, j] ** 2) * total
+                driving[k, j] = total
             _state_rows(phi, g0, g1, source, partner, along, turn, k, A)
             for s in range(size):  # r = Aᵀ r, N = Aᵀ N A
                 for t in range(q):
@@ -260,6 +293,20 @@ def score_pass(  # type: ignore[no-untyped-def]
                     if a != 0.0:
                         for t in range(size):
                             NA[s, t] += a * A[i, t]
+            for j in range(p):
+                for t in range(size):
+                    m[t] = NA[n + j, t]
+                if source[j] >= 0:
+                    for i in range(n):
+                        a = g1[k, i, source[j]]
+                        if a != 0.0:
+                            for t in range(size):
+                                m[t] += a * NA[i, t]
+                kept[k, j] = 0.0
+                gained[k, j] = 0.0
+                for t in range(size):
+                    kept[k, j] -= m[t] * latent[k, j, t]
+                    gained[k, j] -= m[t] * latent[k, partner[j], t]
             for s in range(size):
                 for t in range(s + 1):
                     N[s, t] = 0.0
@@ -336,7 +383,16 @@ def score_pass(  # type: ignore[no-untyped-def]
         total = -N[n + j, n + j]
         for t in range(q):
             total += r[n + j, t] ** 2
-        driving[j] += total
+            path[j, t] = variance[j] * r[n + j, t]
+        first[j] = total
+    for k in range(count - 1):
+        for j in range(p):
+            driven = variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
+            for t in range(q):
+                kept[k, j] += pushed[k, j, t] * path[j, t]
+                gained[k, j] += pushed[k, j, t] * path[partner[j], t]
+                path_next[j, t] = along[k, j] * path[j, t] + turn[k, j] * path[partner[j], t] + driven * pushed[k, j, t]
+        path, path_next = path_next, path
 
 
 @njit_kept(nogil=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,6 +68,36 @@ class Process:
         return self.frequency == 0.0 and self.memory > duration
 
 
+class Components(NamedTuple):
+    """What the compiled recursions take of processes: one that swings has two components, the second acts nowhere.
+
+    Parameters
+    ----------
+    owner : ndarray of int, shape (c,)
+        Process that each belongs to.
+    source, channel, partner : ndarray of int, shape (c,)
+        As in `discrepancy.innovations.kernel.covariance_pass`.
+    sense : ndarray, shape (c,)
+        In which each turns into its partner, ±1.
+    variance, memory, frequency : ndarray, shape (c,)
+    """
+
+    owner: np.ndarray
+    source: np.ndarray
+    channel: np.ndarray
+    partner: np.ndarray
+    sense: np.ndarray
+    variance: np.ndarray
+    memory: np.ndarray
+    frequency: np.ndarray
+
+    def transitions(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what each keeps of itself over every step, s, and what it gains of its partner, (N - 1, c) each."""
+        decay = np.exp(-step[:, None] / self.memory)
+        angle = (2.0 * np.pi * self.frequency) * step[:, None]
+        return decay * np.cos(angle), self.sense * decay * np.sin(angle)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseModel:
     """White noise of the outputs, and latent processes: all independent of each other.
@@ -86,12 +118,60 @@ class NoiseModel:
     processes: tuple[Process, ...] = ()
     correlation: np.ndarray | None = None
 
+    @cached_property
+    def components(self) -> Components:
+        """What the recursions take of the processes."""
+        count = [2 if q.frequency > 0.0 else 1 for q in self.processes]
+        owner = np.repeat(np.arange(len(count)), count)
+        begins = np.concatenate([[0], np.cumsum(count, dtype=np.int64)])[owner]
+        second = np.arange(owner.size) > begins
+
+        def of(values: Sequence[float]) -> np.ndarray:
+            return np.array(values, dtype=float)[owner]
+
+        def first_only(values: Sequence[int]) -> np.ndarray:
+            return np.where(second, -1, np.array(values, dtype=np.int64)[owner])
+
+        return Components(
+            owner=owner,
+            source=first_only([q.source for q in self.processes]),
+            channel=first_only([q.channel for q in self.processes]),
+            partner=2 * begins + np.array(count, dtype=np.int64)[owner] - 1 - np.arange(owner.size),
+            sense=np.where(second, 1.0, -1.0),
+            variance=of([q.std**2 for q in self.processes]),
+            memory=of([q.memory for q in self.processes]),
+            frequency=of([q.frequency for q in self.processes]),
+        )
+
     def noise_covariance(self) -> np.ndarray:
         """Return the covariance of the white noise, shape (n_c, n_c)."""
         std = np.array(self.noise)
         correlation = np.eye(std.size) if self.correlation is None else self.correlation
         covariance: np.ndarray = correlation * np.outer(std, std)
         return covariance
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Score:
+    """Derivatives of a likelihood by logarithms.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (n_c,)
+        By the standard deviations of the white noise, at a given correlation.
+    std, memory, frequency : ndarray, shape (p,)
+        By what each process is made of; zero by the frequency of one that does not swing.
+    """
+
+    noise: np.ndarray
+    std: np.ndarray
+    memory: np.ndarray
+    frequency: np.ndarray
+
+    @classmethod
+    def total(cls, scores: Sequence[Score]) -> Score:
+        """Return the sum over independent records."""
+        return cls(**{name: np.sum([getattr(s, name) for s in scores], axis=0) for name in cls.__dataclass_fields__})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,7 +182,7 @@ class InnovationWeighting:
     ----------
     record : LinearRecord
     model : NoiseModel
-    gain, root : ndarray
+    along, turn, gain, root, latent : ndarray
         As in `discrepancy.innovations.kernel.covariance_pass`.
     log_det : float
         Half the logarithm of the determinant of Σ.
@@ -110,8 +190,11 @@ class InnovationWeighting:
 
     record: LinearRecord
     model: NoiseModel
+    along: np.ndarray
+    turn: np.ndarray
     gain: np.ndarray
     root: np.ndarray
+    latent: np.ndarray
     log_det: float
 
     def __call__(self, block: np.ndarray) -> np.ndarray:
@@ -122,44 +205,68 @@ class InnovationWeighting:
         """Return the block that has these standardised innovations."""
         return self._filtered(block, True)
 
-    def score(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the likelihood by the logarithms of the standard deviations.
+    def score(self, white: np.ndarray) -> Score:
+        """Return the derivatives of the likelihood by the logarithms of what a noise model consists of.
 
         Parameters
         ----------
         white : ndarray, shape (n, n_channels, q)
             Standardised innovations whose squares are added up: of the residual, and of what is uncertain in it.
-
-        Returns
-        -------
-        noise : ndarray, shape (n_c,)
-            By those of the white noise, at a given correlation.
-        processes : ndarray, shape (p,)
         """
-        model = self.model
-        owner = _owners(model.processes)
-        driving, noise = np.zeros(owner.size), np.zeros((white.shape[1], white.shape[1]))
+        parts, step = self.model.components, np.diff(self.record.time)
+        along, turn = self.along, self.turn
+        noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(parts.owner.size)
+        driving, kept, gained = (np.zeros(along.shape) for _ in range(3))
         score_pass(
-            *self._filter(),
+            *self._machine(),
+            parts.source,
+            parts.channel,
+            parts.partner,
+            along,
+            turn,
+            parts.variance,
+            self.gain,
+            self.root,
+            self.latent,
             np.ascontiguousarray(white),
-            driving,
             noise,
+            first,
+            driving,
+            kept,
+            gained,
         )
-        of_processes = np.bincount(owner, driving, minlength=len(model.processes))
-        variances = np.array([q.std**2 for q in model.processes])
-        return np.sum(noise * model.noise_covariance(), axis=1), of_processes * variances
+        lasts = along**2 + turn**2  # of the variance, from sample to sample
+        of_std = first + np.sum(driving * (1.0 - lasts), axis=0)
+        of_memory = step @ (kept * along + gained * turn - driving * parts.variance * lasts)
+        of_frequency = step @ (gained * along - kept * turn)
 
-    def _filter(self) -> tuple[np.ndarray, ...]:
-        """Return what the compiled recursions take of the record and of its filter."""
-        r, processes = self.record, self.model.processes
-        transitions = (r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts)
-        return (*transitions, *_indices(processes), *_transitions(r, processes), self.gain, self.root)
+        def of_processes(by_component: np.ndarray) -> np.ndarray:
+            return np.bincount(parts.owner, by_component, minlength=len(self.model.processes))
+
+        return Score(
+            noise=np.sum(noise * self.model.noise_covariance(), axis=1),
+            std=of_processes(of_std * parts.variance),
+            memory=of_processes(of_memory / parts.memory),
+            frequency=of_processes(parts.sense * of_frequency * 2.0 * np.pi * parts.frequency),
+        )
+
+    def _machine(self) -> tuple[np.ndarray, ...]:
+        """Return what the compiled recursions take of the record."""
+        r = self.record
+        return r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts
 
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
-        out = np.empty_like(columns)
+        out, parts = np.empty_like(columns), self.model.components
         filter_columns(
-            *self._filter(),
+            *self._machine(),
+            parts.source,
+            parts.channel,
+            parts.partner,
+            self.along,
+            self.turn,
+            self.gain,
+            self.root,
             columns,
             out,
             inverse,
@@ -170,9 +277,14 @@ class InnovationWeighting:
 def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationWeighting:
     """Return the whitening of a record under a noise model."""
     count, n_c, n = record.c.shape
-    owner = _owners(model.processes)
-    size = n + owner.size
-    gain, root = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c))
+    parts = model.components
+    size = n + parts.owner.size
+    gain, root, latent = (
+        np.zeros((count, size, n_c)),
+        np.zeros((count, n_c, n_c)),
+        np.zeros((count, parts.owner.size, size)),
+    )
+    along, turn = parts.transitions(np.diff(record.time))
     log_det = covariance_pass(
         record.phi,
         record.gamma0,
@@ -180,49 +292,24 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.c,
         record.d,
         record.counts,
-        *_indices(model.processes),
-        *_transitions(record, model.processes),
-        np.array([model.processes[k].std ** 2 for k in owner]),
+        parts.source,
+        parts.channel,
+        parts.partner,
+        along,
+        turn,
+        parts.variance,
         model.noise_covariance(),
         gain,
         root,
+        latent,
     )
-    return InnovationWeighting(record=record, model=model, gain=gain, root=root, log_det=float(log_det))
-
-
-def _owners(processes: Sequence[Process]) -> np.ndarray:
-    """Return the process that each component belongs to: one that swings has two, the second of which acts nowhere."""
-    return np.array([k for k, q in enumerate(processes) for _ in range(2 if q.frequency > 0.0 else 1)], dtype=np.int64)
-
-
-def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return source, channel and partner of every component."""
-    source: list[int] = []
-    channel: list[int] = []
-    partner: list[int] = []
-    for q in processes:
-        here = len(source)
-        source.append(q.source)
-        channel.append(q.channel)
-        partner.append(here)
-        if q.frequency > 0.0:
-            source.append(-1)
-            channel.append(-1)
-            partner[here] = here + 1
-            partner.append(here)
-    as_index = [np.array(x, dtype=np.int64) for x in (source, channel, partner)]
-    return as_index[0], as_index[1], as_index[2]
-
-
-def _transitions(record: LinearRecord, processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray]:
-    """Return what every component keeps of itself from sample to sample, and what it gains of its partner."""
-    step = np.diff(record.time)
-    owner = _owners(processes)
-    along, turn = np.zeros((step.size, owner.size)), np.zeros((step.size, owner.size))
-    for j, k in enumerate(owner):
-        q = processes[k]
-        decay, angle = np.exp(-step / q.memory), 2.0 * np.pi * q.frequency * step
-        along[:, j] = decay * np.cos(angle)
-        second = j > 0 and owner[j - 1] == k
-        turn[:, j] = decay * np.sin(angle) * (1.0 if second else -1.0)
-    return along, turn
+    return InnovationWeighting(
+        record=record,
+        model=model,
+        along=along,
+        turn=turn,
+        gain=gain,
+        root=root,
+        latent=latent,
+        log_det=float(log_det),
+    )

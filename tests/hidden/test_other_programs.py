@@ -120,7 +120,11 @@ def test_rebound_of_a_shock_absorber_is_found(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("machine", "study"), [(partial(fan, drag=0.0), MOTOR_STUDY), (partial(car, rebound=0.0), CAR)], ids=["fan", "car"]
+    ("machine", "study"),
+    [
+        pytest.param(partial(fan, drag=0.0), MOTOR_STUDY, id="fan"),
+        pytest.param(partial(car, rebound=0.0), CAR, id="car", marks=pytest.mark.slow),
+    ],
 )
 def test_where_it_has_nothing_nothing_is_named(tmp_path, machine, study):
     diagnosis = diagnosed(tmp_path, MODELS, machine, study + RECORDS, seed=7)

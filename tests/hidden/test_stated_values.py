@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, make_experiments
@@ -79,18 +80,23 @@ def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:
     )
 
 
+@cache
+def diagnosed(name: str, true: float) -> tuple[Study, Conclusion]:
+    study = study_of({name: true})
+    return study, study.diagnose()
+
+
 @pytest.mark.parametrize(
     ("kind", "name", "factor"),
     [
-        ("proportional_gain", "control.k_p", 1.3),
-        pytest.param("resistance", "motor.R", 1.25, marks=pytest.mark.slow),
-        ("torque_constant", "motor.k_t", 0.9),
+        pytest.param("proportional_gain", "control.k_p", 1.3, marks=pytest.mark.slow),
+        ("resistance", "motor.R", 1.25),
+        pytest.param("torque_constant", "motor.k_t", 0.9, marks=pytest.mark.slow),
     ],
 )
 def test_a_value_that_is_stated_wrongly_is_found(kind: str, name: str, factor: float) -> None:
     true = factor * STATED[name]
-    study = study_of({name: true})
-    study.diagnose()
+    study, _ = diagnosed(name, true)
     owner, _, parameter = name.partition(".")
     assert [str(e) for e in study.stage.effects] == [f"{kind}@{owner}"]
     assert study.stage.effects[0].strengths[parameter] == pytest.approx(true, rel=0.02)
@@ -130,7 +136,7 @@ def test_absence_is_the_stated_value_and_none_is_offered_without_one() -> None:
 
 
 def test_the_report_tells_the_value_beside_the_stated_one(tmp_path: Path) -> None:
-    conclusion = study_of({"motor.R": 1.0}).diagnose()
+    _, conclusion = diagnosed("motor.R", 1.0)
     write_report(conclusion, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "another resistance at motor" in conclusion.sentence.lower()
