@@ -80,7 +80,7 @@ def record(name: str, hidden: dict[str, float], seed: int) -> Record:
 @pytest.mark.parametrize(
     ("side", "hidden"),
     [
-        ("first", {"springs.hard_1": 4000.0}),
+        pytest.param("first", {"springs.hard_1": 4000.0}, marks=pytest.mark.slow),
         ("second", {"springs.hard_2": 4000.0, "springs.middle_2": 0.05}),
         ("", {}),
     ],

@@ -51,6 +51,6 @@ def test_wind_on_one_side_of_the_middle_is_told(tmp_path) -> None:
     assert "the model lacks" in force.sentence
 
 
-@pytest.mark.parametrize("seed", [12, 13])
+@pytest.mark.parametrize("seed", [12, pytest.param(13, marks=pytest.mark.slow)])
 def test_wind_that_acts_everywhere_is_a_disturbance(tmp_path, seed: int) -> None:
     assert uneven(tmp_path, one_side=False, seed=seed) == ()

@@ -53,7 +53,7 @@ def test_a_force_without_a_name_is_found_with_what_it_follows(tmp_path) -> None:
     assert "a force at spring that is a function of" in law.sentence
 
 
-@pytest.mark.parametrize("seed", [22, 23])
+@pytest.mark.parametrize("seed", [22, pytest.param(23, marks=pytest.mark.slow)])
 def test_a_disturbance_follows_nothing(tmp_path, seed: int) -> None:
     law = law_of(tmp_path, strength=0.0, seed=seed)
     assert not law.announced

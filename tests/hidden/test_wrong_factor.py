@@ -40,7 +40,11 @@ def record(name: str, factor: float, seed: int) -> Record:
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"), [(-1.0, "measured with the opposite sign"), (1000.0, "measured off by a factor of 1000")]
+    ("factor", "words"),
+    [
+        (-1.0, "measured with the opposite sign"),
+        pytest.param(1000.0, "measured off by a factor of 1000", marks=pytest.mark.slow),
+    ],
 )
 def test_the_answer_and_the_report_say_so(factor: float, words: str, tmp_path: Path) -> None:
     groups = [
