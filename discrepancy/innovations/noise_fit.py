@@ -32,7 +32,7 @@ MOST_PROCESSES = 6
 #: Processes of each place that are fitted to the records thinned out, the most of all places, and those that are then
 #: fitted to all samples.  The likelihood has many maxima, and what promises most at the sizes, memories and frequencies
 #: that are offered is often not what is worth most when these are fitted.  When the best of each kind was fitted to all
-#: samples at once, four of six noise models ended 48 to 597 nats lower.
+#: samples at once, four of six noise models ended 49 to 596 nats lower.
 PER_PLACE, THINNED_FITS, FITS = 2, 8, 2
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
@@ -45,6 +45,8 @@ STEEP, LINE_SEARCH = 0.3, 6
 HOPELESS = 1e4  # nats below the start that a model counts as where its likelihood cannot be computed
 #: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
 SCREENING_ROWS = 1500
+#: Samples that every record keeps there, at least; chosen.
+FEWEST_SCREENED = 50
 #: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
@@ -508,7 +510,7 @@ def fit_noise(
     """
     whole = _Objective(records=records, prior_std=prior_std, prior_offset=prior_offset, floor=floor)
     rows = sum(r.residual.size for r in records)
-    count = max(1, min(rows // SCREENING_ROWS, min(len(r.residual) for r in records) // 50))
+    count = max(1, min(rows // SCREENING_ROWS, min(len(r.residual) for r in records) // FEWEST_SCREENED))
     thinned = whole if count == 1 else replace(whole, records=[r.every(count) for r in records])
     if start is None:
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))

@@ -218,12 +218,7 @@ class InnovationWeighting:
         noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(parts.owner.size)
         driving, kept, gained = (np.zeros(along.shape) for _ in range(3))
         score_pass(
-            *self._machine(),
-            parts.source,
-            parts.channel,
-            parts.partner,
-            along,
-            turn,
+            *self._filter(),
             parts.variance,
             self.gain,
             self.root,
@@ -250,21 +245,17 @@ class InnovationWeighting:
             frequency=of_processes(parts.sense * of_frequency * 2.0 * np.pi * parts.frequency),
         )
 
-    def _machine(self) -> tuple[np.ndarray, ...]:
-        """Return what the compiled recursions take of the record."""
-        r = self.record
-        return r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts
+    def _filter(self) -> tuple[np.ndarray, ...]:
+        """Return what the compiled recursions take of the record and of the processes."""
+        r, parts = self.record, self.model.components
+        machine = (r.phi, r.gamma0, r.gamma1, r.c, r.d, r.observed, r.counts)
+        return (*machine, parts.source, parts.channel, parts.partner, self.along, self.turn)
 
     def _filtered(self, block: np.ndarray, inverse: bool) -> np.ndarray:
         columns = np.ascontiguousarray(block.reshape(*block.shape[:2], -1), dtype=float)
-        out, parts = np.empty_like(columns), self.model.components
+        out = np.empty_like(columns)
         filter_columns(
-            *self._machine(),
-            parts.source,
-            parts.channel,
-            parts.partner,
-            self.along,
-            self.turn,
+            *self._filter(),
             self.gain,
             self.root,
             columns,

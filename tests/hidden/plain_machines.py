@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.signal import butter, sosfiltfilt
 
 from vtsdt.cli.command_line import main
@@ -92,6 +93,31 @@ def low_passed(rng: np.random.Generator, t: np.ndarray, corner: float) -> np.nda
     """Return band-limited noise of deviation one."""
     x = sosfiltfilt(butter(3, corner * 2.0 * (t[1] - t[0]), output="sos"), rng.standard_normal(t.size))
     return x / x.std()
+
+
+def carriage_record(
+    rng: np.random.Generator, wind: float, corner: float, unknown: Callable[[float, float], float]
+) -> dict[str, np.ndarray]:
+    """Return 20 s at 50 Hz of a carriage on a spring, pushed by a recorded force and by what nobody recorded.
+
+    ``unknown`` gives that force, N, from the position, m, and a band-limited wind of so many N up to so many Hz.
+    """
+    t = np.arange(0.0, 20.0, 0.02)
+    force = 20.0 * np.sin(2.0 * np.pi * t / 4.0 + rng.uniform(0.0, 6.0)) + 10.0 * low_passed(rng, t, 1.0)
+    blows = wind * low_passed(rng, t, corner)
+
+    def rates(now, y):
+        x, v = y
+        push = np.interp(now, t, force) + unknown(x, np.interp(now, t, blows))
+        return [v, (push - 210.0 * x - 7.5 * v) / 2.05]
+
+    y = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    return {
+        "time_s": t,
+        "force_N": force,
+        "position_m": y[0] + 2e-4 * rng.standard_normal(t.size),
+        "velocity_m_s": y[1] + 2e-3 * rng.standard_normal(t.size),
+    }
 
 
 def written(folder: Path, models: str, machine: Machine, study: str, seed: int, records: int = 3) -> Path:

@@ -7,8 +7,7 @@ nobody recorded.
 from __future__ import annotations
 
 import numpy as np
-from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, low_passed, written
-from scipy.integrate import solve_ivp
+from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, carriage_record, written
 
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.innovations.noise_model import NoiseModel, Process
@@ -18,22 +17,8 @@ CENTRE, STIFFNESS = 4e-3, 6e3
 
 
 def carriage(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return one record of the machine: 20 s at 50 Hz, with a wind of 4 N."""
-    t = np.arange(0.0, 20.0, 0.02)
-    force = 20.0 * np.sin(2.0 * np.pi * t / 4.0 + rng.uniform(0.0, 6.0)) + 10.0 * low_passed(rng, t, 1.0)
-    wind = 4.0 * low_passed(rng, t, 1.0)
-
-    def rates(now, y):
-        x, v = y
-        return [v, (np.interp(now, t, force + wind) - STIFFNESS * (x - CENTRE) ** 3 - 210.0 * x - 7.5 * v) / 2.05]
-
-    y = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.02).y
-    return {
-        "time_s": t,
-        "force_N": force,
-        "position_m": y[0] + 2e-4 * rng.standard_normal(t.size),
-        "velocity_m_s": y[1] + 2e-3 * rng.standard_normal(t.size),
-    }
+    """Return one record of the machine, under a wind of 4 N."""
+    return carriage_record(rng, 4.0, 1.0, lambda x, wind: wind - STIFFNESS * (x - CENTRE) ** 3)
 
 
 def test_the_likeliest_centre_is_nearer_than_that_of_least_squares(tmp_path) -> None:

@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, low_passed, written
-from scipy.integrate import solve_ivp
+from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, carriage_record, written
 
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.uneven_forces import UnevenForce, uneven_random_forces
@@ -18,24 +17,8 @@ from discrepancy.study.study import Study
 
 
 def carriage(rng: np.random.Generator, one_side: bool) -> dict[str, np.ndarray]:
-    """Return one record of the machine: 20 s at 50 Hz."""
-    t = np.arange(0.0, 20.0, 0.02)
-    force = 20.0 * np.sin(2.0 * np.pi * t / 4.0 + rng.uniform(0.0, 6.0)) + 10.0 * low_passed(rng, t, 1.0)
-    wind = 2.0 * low_passed(rng, t, 3.0)
-
-    def rates(now, y):
-        x, v = y
-        acts = 1.0 if x > 0.0 or not one_side else 0.0
-        push = np.interp(now, t, force) + acts * np.interp(now, t, wind)
-        return [v, (push - 210.0 * x - 7.5 * v) / 2.05]
-
-    y = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.02).y
-    return {
-        "time_s": t,
-        "force_N": force,
-        "position_m": y[0] + 2e-4 * rng.standard_normal(t.size),
-        "velocity_m_s": y[1] + 2e-3 * rng.standard_normal(t.size),
-    }
+    """Return one record of the machine, under a wind of 2 N."""
+    return carriage_record(rng, 2.0, 3.0, lambda x, wind: wind if x > 0.0 or not one_side else 0.0)
 
 
 def uneven(tmp_path, one_side: bool, seed: int) -> tuple[UnevenForce, ...]:
