@@ -29,18 +29,14 @@ def test_nothing_hidden_nothing_named(seed):
     assert conclusion.verdict == "nothing missing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "seed"),
     [
         ("local_bump@guide", 6),
-        *(
-            pytest.param(hidden, seed, marks=pytest.mark.slow)
-            for hidden, seed in [
-                ("coulomb_friction@guide", 1),
-                ("constant_force@guide", 9),
-                ("input_delay@reference.position", 8),
-            ]
-        ),
+        ("coulomb_friction@guide", 1),
+        ("constant_force@guide", 9),
+        ("input_delay@reference.position", 8),
     ],
 )
 def test_one_effect_is_named_first_and_its_size_is_right(hidden, seed):

@@ -82,6 +82,7 @@ def test_a_curve_takes_the_place_of_names_that_only_resemble_it(seed, over):
     assert conclusion.extra["unknown"]["depends_on"] == over
 
 
+@pytest.mark.slow
 def test_a_slow_force_is_told_from_a_random_one_by_its_evidence():
     """It is a force without a name, beside the random force that acts at the same place."""
     conclusion = Study(axis_case(8015, ["unknown_force@guide"], over="time").problem(seed=8015)).diagnose()
