@@ -320,9 +320,10 @@ def matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
 def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     """Return why the effects that a model has more do not matter; an empty text if they do.
 
-    Each must move some output by the noise of its sensor, at one instant at least, or make predictions from sample to
-    sample better by a share that one could see.  Where it changes a share of an output's error that one could see, the
-    records left out must not show that this is no improvement, and none may be made worse.  How sure it is that there
+    Each must move some output by the noise of its sensor, at one instant at least, or change the error of one by a share
+    that one could see, as a small offset does, or make predictions from sample to sample better by such a share.  Where
+    the error of an output is changed so, the records left out must not show that this is no improvement, and none may
+    be made worse.  How sure it is that there
     is an improvement at all is for the log predictive score to say, which knows the unrecorded forces: where these make
     most of the error of a simulation, its square hardly shows an effect of a tenth of that, and be it certain.
     """
@@ -335,10 +336,10 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     if matters_to_prediction(model, parent):
         return ""
     had = {str(e) for e in parent.stage.effects}
-    for effect in model.stage.effects:
-        if str(effect) not in had and shift_over_noise(model.likelihood, effect) < 1.0:
-            return f"{effect} moves no output by the noise of its sensor"
     shown = changed_share(model.stage, parent.stage) >= POLICY.relevance
+    for effect in model.stage.effects:
+        if str(effect) not in had and not np.any(shown) and shift_over_noise(model.likelihood, effect) < 1.0:
+            return f"{effect} moves no output by the noise of its sensor"
     if np.any(shown) and np.all(~shown | gain.rules_out(POLICY.relevance, errors)):
         return f"records left out are not simulated better (square error gone: {gain})"
     return ""

@@ -213,6 +213,14 @@ class EvidenceSearch:
         likelihood.free_memory()
         give_back()
         trials = self._fitted(model, new)
+        beyond = [
+            t for t, (p, _) in zip(trials, new, strict=True) if t.total - model.total > _most_believed(p.promised)
+        ]
+        if beyond and self._fit_from(max(beyond, key=lambda t: t.total), model, model.stage.effects):
+            for child in trials:  # they began with the worse fit
+                del self.models[child.key]
+            model.expanded, model.proposals = False, None
+            return
         state.decisions.append(
             Decision(scans=(proposals.scan,), reason=self._reason(model, trials), refused=proposals.refused)
         )
@@ -604,32 +612,33 @@ class EvidenceSearch:
         fitted = {key_of(p.effects) for p, _ in new}
         for proposal in proposals:
             if key_of(proposal.effects) not in fitted:
-                self._fit_from(model, self.models[key_of(proposal.effects)], proposal)
+                self._fit_from(model, self.models[key_of(proposal.effects)], proposal.effects)
         return [self.models[key_of(p.effects)] for p in proposals]
 
-    def _fit_from(self, model: TriedModel, other: TriedModel, proposal: Proposal) -> None:
-        """Fit a model that was tried once more, beginning where another stands, and keep the better fit.
+    def _fit_from(self, model: TriedModel, other: TriedModel, effects: tuple[Effect, ...]) -> bool:
+        """Fit a model that was tried once more, beginning where another stands; keep the better fit, and tell of it.
 
         A fit that ended in a local minimum would make the effect that the other model has beside it look indispensable.
         """
-        if other.likelihood is None or model.likelihood is None or not proposal.effects:
-            return
-        stage = self._best_fit(other, Proposal(move=proposal.move, effects=proposal.effects), model)
+        if other.likelihood is None or model.likelihood is None:
+            return False
+        stage = self._best_fit(other, Proposal(move="drop", effects=effects), model)
         scale = model.stage.identify.scale
         if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
-            return
+            return False
         likelihood = model.likelihood.neighbour(stage)
         assert self.prior is not None
         evidence = log_evidence(likelihood, self.prior)
-        if evidence.total > other.total:
-            self.state.progress(
-                f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values"
-            )
-            other.likelihood, other.evidence = likelihood, evidence
+        if evidence.total <= other.total:
+            return False
+        self.state.progress(f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values")
+        other.likelihood, other.evidence = likelihood, evidence
+        return True
 
     def _make_stages(self, start: TriedModel, best: TriedModel) -> None:
         """Make the stages of the best model, one for each effect, in the order in which they raise the evidence."""
         state = self.state
+        self._fit_further(start)
         self._keep_scans()
         if best.likelihood is None or best.key == start.key:
             return
@@ -668,6 +677,15 @@ class EvidenceSearch:
             state.stages.append(replace(stage, effects=others, accepted=accepted))
             self._keep_scans()
             state.save()
+
+    def _fit_further(self, start: TriedModel) -> None:
+        """Make the stage that the search began with again, where a better fit of it was found on trial."""
+        before = self.state.stages[-1]
+        if start.likelihood is None or start.stage is before:
+            return
+        stage = self.state.fitted(before.name, before.effects, start.stage, before.noise)
+        self.state.stages[-1] = replace(stage, accepted=before.accepted, notes=before.notes)
+        self.state.save()
 
     def _keep_scans(self) -> None:
         """Give the latest stage the scores of its candidates, if its model was extended."""

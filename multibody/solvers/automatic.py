@@ -84,6 +84,7 @@ class Automatic(DormandPrince54):
         self._in_stiff = self._stored_stiff = False
         self._spell = LEAST_SPELL
         self._done = 0  # steps since the last change
+        self._judged = 0  # of them, when it was last asked whether the stiff method pays
         self._since = float(self.t)  # time of the last change
         self._explicit_step = 0.0
         self._cost = 0.0  # of a stiff step over an explicit one
@@ -220,7 +221,7 @@ class Automatic(DormandPrince54):
 
     def _change(self, stiff: bool) -> None:
         self._in_stiff = stiff
-        self._done, self._since = 0, float(self._clock[T])
+        self._done, self._judged, self._since = 0, 0, float(self._clock[T])
         # What one method stored of its last step means nothing to the other.
         self._tally[KNOWN], self._tally[SUSPECT], self._tally[SLOT] = 0, 0, 0
         self._history.append((self._since, "stiff" if stiff else "explicit"))
@@ -240,10 +241,11 @@ class Automatic(DormandPrince54):
 
     def _advance_stiff(self) -> int:
         assert self._stiff is not None
-        goal = next(n for n in (RUN_UP, JUDGED, self._spell) if self._done < n and (n > JUDGED or not self._proven))
+        goal = next(n for n in (RUN_UP, JUDGED, self._spell) if self._judged < n and (n > JUDGED or not self._proven))
         status = self._limited(goal - self._done, self._stiff._advance)
-        if status != MORE or self._done < goal:
+        if status != MORE or self._done < goal:  # with a full buffer the samples of the last step come first
             return status
+        self._judged = goal
         if goal == RUN_UP:
             self._mark = float(self._clock[T])
             if not self._pays(2.0 * float(self._clock[STEP])):  # far from it: the rest of the trial would tell the same

@@ -210,6 +210,20 @@ def test_samples_in_many_small_pieces(monkeypatch):
     np.testing.assert_allclose(y[:, 0], np.cos(2.0 * t), rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("rows", [1, 3, 1000])
+def test_a_buffer_that_is_full_where_a_stiff_spell_ends(rows, monkeypatch):
+    from multibody.solvers import base
+
+    monkeypatch.setattr(base, "CHUNK_BYTES", 16 * rows)
+    prob, t = problem("oscillator", (1e4, 1e4 + 1.0)), np.linspace(0.0, 20.0, 1000)  # exp(-t) and exp(-10 000 t)
+    pieces, history = [], []
+    samples = Samples(t, lambda first, times, states: pieces.append(states.copy()))
+    options = {"samples": samples, "rtol": 1e-11, "atol": 1e-13, "history": history}
+    integrate(prob, (0.0, 20.0), [1.0, -1.0], method=Automatic, **options)
+    assert len(history) > 3, "stiff for more than one spell"
+    np.testing.assert_allclose(np.concatenate(pieces)[:, 0], np.exp(-t), rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_events(method):
     # cos(2t) crosses zero upwards at 3π/4 and 7π/4; root finding is exact to 4 eps, the solution to its
