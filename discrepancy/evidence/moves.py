@@ -320,12 +320,12 @@ def matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
 def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     """Return why the effects that a model has more do not matter; an empty text if they do.
 
-    Each must move some output by the noise of its sensor, at one instant at least, or change the error of one by a share
-    that one could see, as a small offset does, or make predictions from sample to sample better by such a share.  Where
-    the error of an output is changed so, the records left out must not show that this is no improvement, and none may
-    be made worse.  How sure it is that there
-    is an improvement at all is for the log predictive score to say, which knows the unrecorded forces: where these make
-    most of the error of a simulation, its square hardly shows an effect of a tenth of that, and be it certain.
+    Each must move some output by the noise of its sensor, at one instant at least, or change the error of one by a
+    share that one could see, as a small offset does, or make predictions from sample to sample better by such a share.
+    Where the error of an output is changed so, the records left out must not show that this is no improvement, and none
+    may be made worse.  How sure it is that there is an improvement at all is for the log predictive score to say, which
+    knows the unrecorded forces: where these make most of the error of a simulation, its square hardly shows an effect
+    of a tenth of that, and be it certain.
     """
     assert model.likelihood is not None
     assert parent.likelihood is not None

@@ -213,17 +213,25 @@ class EvidenceSearch:
         likelihood.free_memory()
         give_back()
         trials = self._fitted(model, new)
-        beyond = [
-            t for t, (p, _) in zip(trials, new, strict=True) if t.total - model.total > _most_believed(p.promised)
-        ]
-        if beyond and self._fit_from(max(beyond, key=lambda t: t.total), model, model.stage.effects):
-            for child in trials:  # they began with the worse fit
-                del self.models[child.key]
-            model.expanded, model.proposals = False, None
+        if self._fitted_again(model, [p.promised for p, _ in new], trials):
             return
         state.decisions.append(
             Decision(scans=(proposals.scan,), reason=self._reason(model, trials), refused=proposals.refused)
         )
+
+    def _fitted_again(self, model: TriedModel, promised: Sequence[float], trials: Sequence[TriedModel]) -> bool:
+        """Fit a model once more where the best of its extensions stands, and tell whether that is a better fit.
+
+        That is asked where the evidence rises far above what the score promised: any effect gains so much if the model
+        is calibrated in the wrong place.  The extensions, which began there, are then forgotten.
+        """
+        beyond = [t for t, p in zip(trials, promised, strict=True) if t.total - model.total > _most_believed(p)]
+        if not beyond or not self._fit_from(max(beyond, key=lambda t: t.total), model, model.stage.effects):
+            return False
+        for child in trials:
+            del self.models[child.key]
+        model.expanded, model.proposals = False, None
+        return True
 
     def _proposals(self, likelihood: StageLikelihood) -> Proposals:
         problem = self.state.problem
