@@ -339,7 +339,8 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     shown = changed_share(model.stage, parent.stage) >= POLICY.relevance
     for effect in model.stage.effects:
         if str(effect) not in had and not np.any(shown) and shift_over_noise(model.likelihood, effect) < 1.0:
-            return f"{effect} moves no output by the noise of its sensor"
+            share = 100.0 * POLICY.relevance
+            return f"{effect} moves no output by the noise of its sensor, nor changes {share:g} % of a square error"
     if np.any(shown) and np.all(~shown | gain.rules_out(POLICY.relevance, errors)):
         return f"records left out are not simulated better (square error gone: {gain})"
     return ""

@@ -60,6 +60,8 @@ class EvidenceSearch:
     unconfirmed : list of str
         Effects that no record held out is predicted better with.
     prior : ModelPrior or None
+    expansions : int
+        How often a model was extended, one that was fitted again each time.
     """
 
     state: SearchState
@@ -67,6 +69,7 @@ class EvidenceSearch:
     predictive: dict[str, PredictiveGain] = field(default_factory=dict, init=False)
     unconfirmed: list[str] = field(default_factory=list, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
+    expansions: int = field(default=0, init=False)
 
     def run(self) -> None:
         """Extend the best models, keep of the best what predicts better, and make its stages."""
@@ -120,7 +123,7 @@ class EvidenceSearch:
             within = [m for m in beam if m.total >= beam[0].total - POLICY.reach]
             if not [m for m in within if self._refine(m)]:  # each of them: it may change the order
                 break
-        if sum(m.expanded for m in self.models.values()) >= POLICY.expansions:
+        if self.expansions >= POLICY.expansions:
             return None
         return next((m for m in within if not m.expanded), None)
 
@@ -187,6 +190,7 @@ class EvidenceSearch:
         assert likelihood is not None
         stage = likelihood.stage
         model.expanded = True
+        self.expansions += 1
         state.progress(f"extend the model with {model.name}")
         proposals = state.if_simulated("what is still missing", lambda: self._proposals(likelihood))
         if proposals is None:
@@ -220,7 +224,7 @@ class EvidenceSearch:
         )
 
     def _fitted_again(self, model: TriedModel, promised: Sequence[float], trials: Sequence[TriedModel]) -> bool:
-        """Fit a model once more where the best of its extensions stands, and tell whether that is a better fit.
+        """Fit a model once more, beginning where one of its extensions stands; tell whether that is better, and kept.
 
         That is asked where the evidence rises far above what the score promised: any effect gains so much if the model
         is calibrated in the wrong place.  The extensions, which began there, are then forgotten.
@@ -624,7 +628,7 @@ class EvidenceSearch:
         return [self.models[key_of(p.effects)] for p in proposals]
 
     def _fit_from(self, model: TriedModel, other: TriedModel, effects: tuple[Effect, ...]) -> bool:
-        """Fit a model that was tried once more, beginning where another stands; keep the better fit, and tell of it.
+        """Fit a model that was tried once more, beginning where another stands; tell whether that is better, and kept.
 
         A fit that ended in a local minimum would make the effect that the other model has beside it look indispensable.
         """
@@ -689,7 +693,7 @@ class EvidenceSearch:
     def _fit_further(self, start: TriedModel) -> None:
         """Make the stage that the search began with again, where a better fit of it was found on trial."""
         before = self.state.stages[-1]
-        if start.likelihood is None or start.stage is before:
+        if start.likelihood is None or start.at_likeliest or start.stage is before:
             return
         stage = self.state.fitted(before.name, before.effects, start.stage, before.noise)
         self.state.stages[-1] = replace(stage, accepted=before.accepted, notes=before.notes)
