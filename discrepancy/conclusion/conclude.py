@@ -13,12 +13,14 @@ from discrepancy.conclusion.sentences import (
     check_sentence,
     curve_statement,
     laws_of_curve_sentence,
+    listed,
     manual_checks,
     outputs_far_above_noise,
     poor_fit_note,
     probability_sentence,
     stopped_early_warnings,
     title_of,
+    title_of_name,
     verdict_of,
     warnings_about_effects,
 )
@@ -79,7 +81,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     uneven = _uneven(state, by_evidence)
     law = _unknown_law(by_evidence)
     follows = law is not None and law.announced
-    if failed or uneven or follows:
+    unconfirmed = _unconfirmed(by_evidence) if not accepted else ""
+    if failed or uneven or follows or unconfirmed:
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
     elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
         verdict = "partly explained"
@@ -121,7 +124,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     if curve is not None and not accepted:
         sentences = [curve.statement + poor_fit_note(last, verdict)]
     else:
-        sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last, verdict)]
+        known = unconfirmed if not (failed or uneven or follows) else ""
+        sentences = [answer(stages, hidden, negligible, judged_on, verdict, known) + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
     sentences += _nearest_laws(state, by_evidence)
     sentences += [law.sentence] if law is not None and follows else []
@@ -217,6 +221,18 @@ def _unknown_law(by_evidence: EvidenceSearch | None) -> UnknownLaw | None:
     """Return what follows the machine's state beside the model that was taken, if that was asked."""
     taken = by_evidence.taken if by_evidence is not None else None
     return taken.unknown_law if taken is not None else None
+
+
+def _unconfirmed(by_evidence: EvidenceSearch | None) -> str:
+    """Return the most probable effects that the records held out do not confirm; empty where nothing is likelier."""
+    if by_evidence is None or not by_evidence.unconfirmed:
+        return ""
+    probabilities = _probabilities(by_evidence, "")
+    assert probabilities is not None
+    if probabilities.nothing > 0.5:
+        return ""
+    most = max((m for m in by_evidence.models.values() if m.unconfirmed), key=lambda m: m.total)
+    return listed([title_of_name(name) for name in most.key])
 
 
 def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterior | None:

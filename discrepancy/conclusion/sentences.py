@@ -27,6 +27,7 @@ __all__ = [
     "check_sentence",
     "curve_statement",
     "laws_of_curve_sentence",
+    "listed",
     "manual_checks",
     "outputs_far_above_noise",
     "percent_words",
@@ -34,6 +35,7 @@ __all__ = [
     "probability_sentence",
     "stopped_early_warnings",
     "title_of",
+    "title_of_name",
     "title_of_rival",
     "warnings_about_effects",
 ]
@@ -56,6 +58,12 @@ _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
 def kind_title(kind: str) -> str:
     """Return a kind in words."""
     return kind_named(kind.split(" ")[0]).text.title
+
+
+def title_of_name(name: str) -> str:
+    """Return the words for ``kind@where``."""
+    kind, _, where = name.partition("@")
+    return f"{kind_title(kind)} at {where}"
 
 
 def title_of(accepted: AcceptedEffect) -> str:
@@ -94,6 +102,7 @@ def answer(
     negligible: Sequence[NegligibleEffect],
     judged_on: str,
     verdict: str = "",
+    unconfirmed: str = "",
 ) -> str:
     """Return the answer in two or three sentences.
 
@@ -109,8 +118,15 @@ def answer(
         Records on which the explained share is computed.
     verdict : str
         Of the conclusion.
+    unconfirmed : str
+        The effects that the verdict "unknown effect" rests on, where the records held out did not confirm them.
     """
     accepted = [s.accepted for s in stages if s.accepted is not None]
+    if not accepted and verdict == "unknown effect" and unconfirmed:
+        return (
+            f"Something is missing. It looks most like {unconfirmed}, but the records held out are not predicted "
+            "better with that, so it counts as unknown." + negligible_sentence(negligible)
+        )
     if not accepted and verdict == "unknown effect":
         return "Something is missing that no effect of the catalogue explains." + negligible_sentence(negligible)
     if not accepted:
@@ -253,10 +269,7 @@ def probability_sentence(probabilities: Posterior) -> str:
     parts = []
     for effect in probabilities.effects:
         name = f"{kind_title(effect.kind)} at {effect.where}"
-        others = [
-            f"{kind_title(n.partition('@')[0])} at {n.partition('@')[2]} ({percent_words(p)})"
-            for n, p in effect.alternatives
-        ]
+        others = [f"{title_of_name(n)} ({percent_words(p)})" for n, p in effect.alternatives]
         parts.append(f"{name} {percent_words(effect.probability)}" + (f", or {', or '.join(others)}" if others else ""))
     return f"Probabilities: {'; '.join(parts)}."
 
@@ -268,7 +281,7 @@ def _unnamed(probabilities: Posterior) -> str:
     if whole < LEAST_UNNAMED:
         return ""
     names, most = max(unnamed.items(), key=lambda t: t[1])
-    first = " with ".join(f"{kind_title(n.partition('@')[0])} at {n.partition('@')[2]}" for n in names)
+    first = " with ".join(map(title_of_name, names))
     return (
         f"; that an effect is which these records do not show well enough to be named: {percent_words(whole)}, most "
         f"probably {first} ({percent_words(most)})"

@@ -80,10 +80,14 @@ class TriedModel:
         False where records are not predicted better with it, whatever the evidence.
     taken : bool
         Whether it is the search's answer.
+    unconfirmed : bool
+        Whether the evidence is for it, and the records held out are predicted no better with it.
     unknown_law : UnknownLaw or None
         What follows the machine's state beside it, once that has been asked.
     at_likeliest : bool
         Whether its parameters are those of largest likelihood and no longer of least squares.
+    in_full : bool
+        Whether it was fitted; else it stands where the fit would have begun, too improbable for any fit to matter.
     counts_for : tuple of str or None
         Model whose probability its own is part of, where it does not matter; None: the one that it was made of.
     """
@@ -100,8 +104,10 @@ class TriedModel:
     better: bool = False
     matters: bool = True
     taken: bool = False
+    unconfirmed: bool = False
     unknown_law: UnknownLaw | None = None
     at_likeliest: bool = False
+    in_full: bool = True
     counts_for: tuple[str, ...] | None = None
 
     def refuse(self, why: str, instead: TriedModel | None = None) -> None:

@@ -121,7 +121,8 @@ def posterior(
     Notes
     -----
     A model with an effect that would not matter (it makes no prediction of records left out better) counts as the
-    model that it was made of, and so do those that change the same.
+    model that it was made of, and so do those that change the same.  Where nothing was found, a model that only the
+    records held out did not confirm keeps its probability: the evidence of all other records is for it.
     """
     weights = {k: _Weight(m.total - m.log_odds, m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)}
     weights |= _twin_models(weights, proposals, final)
@@ -190,6 +191,8 @@ def _of_what_matters(
         model = models.get(weights[key].of)
         passed: set[tuple[str, ...]] = set()
         while model is not None and not model.matters and key != taken and model.key not in passed:
+            if model.unconfirmed and not found:
+                break
             passed.add(model.key)
             other = model.counts_for if model.counts_for is not None else model.parent
             if other is None:

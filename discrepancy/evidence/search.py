@@ -216,7 +216,7 @@ class EvidenceSearch:
         new = [(p, q) for p, q in offers if key_of(p.effects) not in self.models]
         likelihood.free_memory()
         give_back()
-        trials = self._fitted(model, new)
+        trials = self._fitted(model, new, look=True)
         if self._fitted_again(model, [p.promised for p, _ in new], trials):
             return
         state.decisions.append(
@@ -290,8 +290,13 @@ class EvidenceSearch:
             rivals[str(effect)] = [proposed_effects(c, rest) for c in names[: POLICY.rivals]]
         return rivals
 
-    def _fitted(self, parent: TriedModel, offers: Sequence[tuple[Proposal, float]]) -> list[TriedModel]:
-        """Fit the models that are offered and keep them, each with its evidence."""
+    def _fitted(
+        self, parent: TriedModel, offers: Sequence[tuple[Proposal, float]], look: bool = False
+    ) -> list[TriedModel]:
+        """Fit the models that are offered and keep them, each with its evidence.
+
+        With ``look`` those that are hopeless where the fit begins are not fitted further.
+        """
         state = self.state
         assert parent.likelihood is not None
         source = parent.likelihood
@@ -314,6 +319,8 @@ class EvidenceSearch:
                 parent=parent.key,
                 p_value=p_value,
             )
+            if look and self._is_hopeless(model, proposal, parent):
+                return model
             stage = self._best_fit(model, proposal, parent)
             if stage is not None or not model.outcome:
                 try:
@@ -359,6 +366,38 @@ class EvidenceSearch:
             if model.likelihood is not None:
                 self._judge(model, parent)
             self.models[model.key] = model
+
+    def _is_hopeless(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> bool:
+        """Tell whether a model is so improbable where its fit begins that no fit of it matters; then it stays there.
+
+        The evidence there is that of the linearised problem at its likeliest parameters.  A fit by simulation moves the
+        linearisation, and the evidence by no more than linear evidence may be off.  Where it lies below that of the
+        model that the search began with by more than its effects cost, it is wrong: their strengths could be zero.  Not
+        asked is a model of which the score says what it promises, and one with a law that is not linear in its strength
+        or that stands for what was taken for random: of these the linearised problem does not tell.
+        """
+        new = [e for e in proposal.effects if str(e) not in parent.key]
+        linear = all(e.definition.linear for e in new) and not proposal.starts
+        if math.isfinite(proposal.promised) or proposal.new_noise or not linear:
+            return False
+        assert parent.likelihood is not None
+        assert self.prior is not None
+        try:
+            there = parent.likelihood.neighbour(
+                self.state.unfitted(model.name, proposal.effects, parent.stage), proposal.noise
+            )
+            evidence = log_evidence(there, self.prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            return False
+        best = max(m.total for m in self.models.values())
+        first = next(iter(self.models.values())).total
+        least = first - POLICY.reach * len(proposal.effects)
+        most = best - POLICY.reach - max(POLICY.reach, POLICY.linear_error * (best - first))
+        if not least <= evidence.total < most:
+            return False
+        model.likelihood, model.evidence, model.in_full = there, evidence, False
+        there.free_memory()
+        return True
 
     def _best_fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage | None:
         """Return the best fit of a model, and note why there is none.
@@ -517,10 +556,11 @@ class EvidenceSearch:
     def _confirmed(self, best: TriedModel) -> TriedModel:
         """Drop effects that predict nothing of the records held out better, or some output worse, one after another.
 
-        They may be there: the evidence for them stands in the probabilities.  They are not announced, because the model
-        predicts nothing better with them.  Of several the one goes first that the evidence asks for least: of two that
-        stand for each other, either is idle beside the other.  Where forces that nobody recorded make most of an
-        output's error, its square hardly shows an effect; the log predictive score knows these forces.
+        They may be there: where nothing is announced, the evidence for them stands in the probabilities.  They are not
+        announced, because the model predicts nothing better with them.  Of several the one goes first that the evidence
+        asks for least: of two that stand for each other, either is idle beside the other.  Where forces that nobody
+        recorded make most of an output's error, its square hardly shows an effect; the log predictive score knows these
+        forces.
         """
         state = self.state
         while best.key and best.likelihood is not None and state.problem.validate:
@@ -546,6 +586,7 @@ class EvidenceSearch:
                     weakest = model.total, model, dropped
             if weakest is None:
                 return best
+            best.unconfirmed = True
             best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better", weakest[1])
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])
@@ -618,7 +659,8 @@ class EvidenceSearch:
 
     def _fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
         """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""
-        new = [(p, 1.0) for p in proposals if key_of(p.effects) not in self.models]
+        tried = {key for key, m in self.models.items() if m.in_full}
+        new = [(p, 1.0) for p in proposals if key_of(p.effects) not in tried]
         if new:
             self._fitted(model, new)
         fitted = {key_of(p.effects) for p, _ in new}

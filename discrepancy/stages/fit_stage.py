@@ -122,7 +122,7 @@ def fitted_stage(
         accumulates = start is not None and start.disturbance is not None
         for share in GROWING_PARTS if accumulates else (1.0,):
             part = [_first_part(e, share) for e in problem.identify]
-            first = fit(part, held, start=[begin.get(p.name, p.value) for p in held], own=own)
+            first = fit(part, held, start=[begin.get(p.name, p.value) for p in held], own=own, rounds=1)
             if not first.at_bound:
                 begin, own = {**begin, **first.to_dict()}, _own(first)
     calibration = fit(

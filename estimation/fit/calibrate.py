@@ -10,7 +10,7 @@ import numpy as np
 from estimation.fit.calibration import Calibration, Fit, UncertainParameter
 from estimation.fit.fit_problem import FitProblem
 from estimation.fit.intervals import block_sandwich
-from estimation.fit.least_squares import solve
+from estimation.fit.least_squares import Piece, solve
 from estimation.fit.weights import weights_of
 from estimation.response.experiment import Experiment, Response
 from estimation.response.sensors import SensorError
@@ -29,8 +29,9 @@ FINAL_TOLERANCE, TRIAL_TOLERANCE = 1e-6, 1e-4
 #: Simulations of all records in a round, at most: an ordinary fit takes ten, one along a curved valley (a preload that
 #: both a stiffness and a start value make) a hundred.  A trial is stopped earlier: one of many.
 EVALUATIONS, TRIAL_EVALUATIONS = 200, 20
-#: Rounds of a trial, and the logarithm of the change of an output's weight from which it takes another; chosen.
-TRIAL_ROUNDS, WEIGHT_CHANGE = 4, 0.2
+#: Rounds of weighting and fitting, those of a trial, and the logarithm of the change of an output's weight from which
+#: it takes another; chosen.
+ROUNDS, TRIAL_ROUNDS, WEIGHT_CHANGE = 3, 4, 0.2
 
 
 def calibrate(
@@ -44,7 +45,7 @@ def calibrate(
     start: Sequence[float] | None = None,
     own: Sequence[np.ndarray] | None = None,
     scale: Mapping[str, float] | None = None,
-    rounds: int = 3,
+    rounds: int | None = None,
     max_evaluations: int | None = None,
     hold: bool = False,
     progress: Callable[[str], None] | None = None,
@@ -74,8 +75,8 @@ def calibrate(
         Weight each output by this (as in `Calibration.scale`) and fit with a coarser tolerance: a trial without
         intervals (they are nan).  Where the outputs' residuals have changed much, it updates the weights and fits
         again.
-    rounds : int
-        Rounds of weighting and fitting.
+    rounds : int, optional
+        Rounds of weighting and fitting, at most; default: `ROUNDS`, for a trial `TRIAL_ROUNDS`.
     max_evaluations : int, optional
         Simulations of all records in a round, at most; default: `EVALUATIONS`, for a trial `TRIAL_EVALUATIONS`.
     hold : bool
@@ -107,8 +108,11 @@ def calibrate(
     )
     trial = scale is not None and not hold
     message = "nothing to fit"
+    if rounds is None:
+        rounds = TRIAL_ROUNDS if trial else ROUNDS
     final = not trial and rounds == 1  # while the weights still change, an exact minimum is of no use
-    for k in range((TRIAL_ROUNDS if trial else rounds) if moving.size and not hold else 0):
+    pieces: list[Piece] = []
+    for k in range(rounds if moving.size and not hold else 0):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
@@ -125,15 +129,18 @@ def calibrate(
             tolerance=FINAL_TOLERANCE if final else TRIAL_TOLERANCE,
             max_evaluations=max_evaluations or (TRIAL_EVALUATIONS if trial else EVALUATIONS),
             confirm=final,
+            begin=pieces,
+            keep=trial,
         )
         theta = full(solution.x)
         message = solution.message
-        if trial and k + 1 == TRIAL_ROUNDS:
+        if trial and k + 1 == rounds:
             break
         weights = weights_of(problem, problem.respond_all(theta, not trial), floor, theta, moving)
         if trial:
             if np.all(np.abs(np.log(weights / problem.scale)) < WEIGHT_CHANGE):
                 break
+            pieces = _weighted_anew(solution.pieces, problem.scale / weights)
             problem.scale = weights
             continue
         if progress is not None:
@@ -147,6 +154,16 @@ def calibrate(
             break
         final = converged or k + 2 >= rounds
     return _result(problem, theta, moving, low, high, not_excited, message, trial)
+
+
+def _weighted_anew(pieces: Sequence[Piece], factor: np.ndarray) -> list[Piece]:
+    """Return the pieces of the records, and last that of the priors, with each output's rows times a factor."""
+
+    def weighted(piece: Piece) -> Piece:
+        factors = np.tile(factor, piece.residual.size // factor.size)
+        return Piece(piece.jacobian * factors[:, None], piece.columns, piece.residual * factors)
+
+    return [*map(weighted, pieces[:-1]), pieces[-1]]
 
 
 def _insensitive(problem: FitProblem, responses: Sequence[Response]) -> set[int]:

@@ -13,7 +13,7 @@ last digits and not their accuracy.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,8 @@ class Solution:
         Why it ended.
     jacobians : int
         Points at which a Jacobian was computed.
+    pieces : sequence of Piece
+        At the end, where they are kept; their Jacobians may be corrected ones.
     """
 
     x: np.ndarray
@@ -66,6 +68,7 @@ class Solution:
     evaluations: int
     message: str
     jacobians: int = 0
+    pieces: Sequence[Piece] = ()
 
 
 def solve(
@@ -78,6 +81,8 @@ def solve(
     tolerance: float = 1e-7,
     max_evaluations: int = 40,
     confirm: bool = True,
+    begin: Sequence[Piece] = (),
+    keep: bool = False,
 ) -> Solution:
     """Minimise half the sum of squares within bounds.
 
@@ -96,6 +101,10 @@ def solve(
         Points at which residuals are computed, at most.
     confirm : bool
         End on a new Jacobian; else a corrected one may suffice, which saves one.
+    begin : sequence of Piece
+        Pieces at the start, where they are known; their Jacobians may be corrected ones, which saves the first.
+    keep : bool
+        Whether the pieces at the end are wanted.
 
     Examples
     --------
@@ -109,9 +118,10 @@ def solve(
     2.0
     """
     x = np.clip(np.asarray(x, dtype=float), low, high)
-    rows = list(pieces(x))
-    current, evaluations, jacobians = _cost([r.residual for r in rows]), 1, 1
-    damping, growth, corrected = 1e-4, 2.0, 0
+    corrected, jacobians = (1, 0) if begin else (0, 1)
+    rows = [replace(piece) for piece in begin] or list(pieces(x))  # corrected in place below
+    current, evaluations = _cost([r.residual for r in rows]), 1
+    damping, growth = 1e-4, 2.0
     curvature, last = np.zeros((x.size, x.size)), None
     longest = np.zeros(x.size)  # of each column so far: where one has become short, the model has gone flat
     while True:
@@ -144,6 +154,7 @@ def solve(
                     evaluations=evaluations,
                     message=AT_LIMIT,
                     jacobians=jacobians,
+                    pieces=rows if keep else (),
                 )
             errors = residuals(trial)
             evaluations += 1
@@ -162,7 +173,14 @@ def solve(
             corrected += 1
             continue
         if not improved and (not corrected or (not confirm and message == "the error hardly decreases any more")):
-            return Solution(x=x, cost=current, evaluations=evaluations, message=message, jacobians=jacobians)
+            return Solution(
+                x=x,
+                cost=current,
+                evaluations=evaluations,
+                message=message,
+                jacobians=jacobians,
+                pieces=rows if keep else (),
+            )
         rows = list(pieces(x))
         corrected, jacobians = 0, jacobians + 1
 

@@ -32,7 +32,9 @@ __all__ = ["LOOK", "Automatic", "in_words"]
 
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
 RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
-PATIENCE = 4096  # explicit steps before a stiff method that did not pay is tried again, longer each time
+# Explicit steps before a stiff method that did not pay is tried again, longer each time: a trial costs about eighty.
+PATIENCE = 512
+LOOK_AGAIN = 256  # explicit steps after which it is asked whether they have become so short that it would pay
 LOOK = 2048  # explicit steps after which the Jacobian is evaluated
 EDGE = 2.0  # |h·λ| from which steps count as stiff: on the edge of stability, at 3.3, they vary between 2 and 5
 # Times that stiff steps must be longer than what they cost: for the same price the explicit ones, held short by
@@ -49,7 +51,8 @@ class Automatic(DormandPrince54):
     method goes on from there.  Where the fast motion has died away to rounding the stages do not show it; the Jacobian,
     evaluated every two thousand explicit steps, does.  After a spell the explicit method is tried again, because a
     machine may be stiff only while it rests in dry friction.  If the stiff method's steps turn out not to be longer by
-    more than they cost, the explicit one goes on, at first for some thousand steps.  A problem without a tangent stays
+    more than they cost, the explicit one goes on, at first for some hundred steps, or until its own are so much shorter
+    than the stiff ones were that these would pay.  A problem without a tangent stays
     with the explicit method.
 
     It takes what `NativeSolver` takes, and two more parameters.
@@ -93,6 +96,7 @@ class Automatic(DormandPrince54):
         self._patience = PATIENCE
         self._proven = False  # whether the last spell paid to its end: then the next is not judged early
         self._rest = 0  # explicit steps before stiffness is watched for again
+        self._short = 0.0  # explicit step below which the stiff method would have paid when it was last judged
         self._unseen = 0  # explicit steps since the Jacobian was evaluated
 
     def _advance(self) -> int:
@@ -103,15 +107,15 @@ class Automatic(DormandPrince54):
 
     def _explicit_steps(self) -> int:
         """Return after how many explicit steps to look again."""
-        return self._rest if self._rest > 0 else LOOK - self._unseen
+        return min(self._rest, LOOK_AGAIN) if self._rest > 0 else LOOK - self._unseen
 
     def _after_explicit(self, status: int) -> int:
         """Decide about the method after some explicit steps; return what became of them."""
         done = int(self._tally[DONE])
         if self._rest > 0:
             self._rest -= done
-            if self._rest <= 0:
-                self._tally[WATCH] = 1
+            if self._rest <= 0 or abs(float(self._clock[STEP_OLD])) < self._short:
+                self._rest, self._tally[WATCH] = 0, 1
             return status
         self._unseen += done
         if status == STIFF or (status == MORE and self._overlooked()):
@@ -189,8 +193,9 @@ class Automatic(DormandPrince54):
         else:
             self._spell = LEAST_SPELL
         self._explicit_step = abs(float(self._clock[STEP_OLD]))
-        if not self._proven and self.problem.n_directions and not self._pays(self._pace_alone()):
-            self._rest_awhile()
+        judged = not self._proven and self.problem.n_directions
+        if judged and not self._pays(pace := self._pace_alone()):
+            self._rest_awhile(pace)
             self._tally[SUSPECT] = 0
             return
         self._change(True)
@@ -264,14 +269,20 @@ class Automatic(DormandPrince54):
         """Go back to the explicit method, and stay there for a while if the stiff steps did not pay."""
         clock = self._clock
         self._proven = self._pays(step)
-        if not self._proven:
-            self._rest_awhile()
+        if self._proven:
+            self._patience = PATIENCE
+        else:
+            self._rest_awhile(step)
         clock[STEP] = min(clock[STEP], self._explicit_step)
         self._change(False)
 
-    def _rest_awhile(self) -> None:
-        """Watch for stiffness again only after many explicit steps, longer each time."""
+    def _rest_awhile(self, step: float) -> None:
+        """Watch for stiffness again after many explicit steps, longer each time, or where these become short.
+
+        How long they must be for the stiff steps of this size not to pay does not depend on where the machine is.
+        """
         self._tally[WATCH] = 0
+        self._short = abs(step) / (GAIN * self._cost)
         self._rest, self._patience = self._patience, 2 * self._patience
 
     def _dense_output_impl(self) -> DenseOutput:

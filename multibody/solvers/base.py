@@ -318,15 +318,17 @@ class NativeSolver(OdeSolver):
     def _step_impl(self) -> tuple[bool, str | None]:
         clock, tally, samples = self._clock, self._tally, self._samples
         # Where nobody looks between calls, SciPy need not hear of them.
-        unseen = self._unasked and samples is not None and samples.receive is None
+        unseen = self._unasked and samples is not None
         while True:
             raise_if_stopped()
             status = self._advance()
             self.problem.check()
-            if samples is not None and (status != MORE or samples.receive is not None):
-                tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
             within = tally[EVALUATIONS] <= self._allowed() and not self._runs_away()
-            if status != BUFFER_FULL and not (status == MORE and unseen and within):
+            if status == MORE and unseen and within:
+                continue
+            if samples is not None:
+                tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
+            if status != BUFFER_FULL:
                 break
         self.nfev, self.njev, self.nlu = (
             int(tally[EVALUATIONS]),

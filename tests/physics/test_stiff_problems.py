@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from reference_problems import NOT_STIFF, STIFF, make
 
+from multibody import Component, Input, Model, Parameter, State
 from multibody.solvers import Automatic, DormandPrince54, NativeProblem, Rodas5P, integrate
 from multibody.solvers.automatic import in_words
 
@@ -98,3 +99,36 @@ def test_a_late_tangent_is_asked_for_only_by_a_stiff_problem():
 
     assert asked(1.0) == []
     assert asked(1000.0) == [1000.0]
+
+
+class Lag(Component):
+    """Follows a wave at a rate that changes by orders of magnitude, as a body does that comes to rest in friction."""
+
+    rate = Input("1/s", "how fast it follows")
+    frequency = Parameter(2000.0, "rad/s", "of the wave")
+    wave = State("m", "what is followed", 0.0)
+    quarter_later = State("m", "the wave a quarter of its period later", 1.0)
+    position = State("m", "what follows", 0.0)
+
+    def equations(self):
+        self.der.wave = self.frequency * self.quarter_later
+        self.der.quarter_later = -self.frequency * self.wave
+        self.der.position = self.rate * (self.wave - self.position)
+
+
+def test_the_default_does_not_wait_where_a_stiff_method_that_did_not_pay_begins_to():
+    # At 3e4/s accuracy lets steps be hardly longer than stability does: the stiff method is tried, and does not pay.
+    model = Model("lag")
+    lag = model.add("lag", Lag())
+    model.input("rate", lag.rate)
+    system = model.build()
+
+    def evaluations(method, begin, end):
+        rate = [0.0, 1.0, 1.000001, 1.1], [3e4, 3e4, 3e6, 3e6]
+        start = {"lag.wave": np.sin(2000.0 * begin), "lag.quarter_later": np.cos(2000.0 * begin)}
+        options = {"initial": start, "method": method, "rtol": 1e-5, "atol": 1e-8}
+        return system.simulate((begin, end), inputs={"rate": tuple(map(np.array, rate))}, **options).statistics["nfev"]
+
+    best = evaluations("DormandPrince54", 0.0, 1.0) + evaluations("Rodas5P", 1.0, 1.1)
+    # a fifth more: three trials of up to eighty explicit steps each, and some hundred steps until it is noticed
+    assert evaluations("Automatic", 0.0, 1.1) < 1.2 * best

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from discrepancy.conclusion.sentences import probability_sentence
+from discrepancy.conclusion.sentences import answer, probability_sentence
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_strengths
 from discrepancy.evidence.moves import TriedModel, key_of
@@ -132,3 +132,20 @@ def test_models_that_count_for_each_other_end() -> None:
     one.refuse("", other)
     other.refuse("", one)
     assert sum(posterior(by_key(tried(0.0), one, other), [], None).models.values()) == pytest.approx(1.0)
+
+
+def test_an_effect_that_the_records_held_out_do_not_confirm_keeps_its_probability() -> None:
+    """The others ask for it with sixty nats, so that nothing is missing is not probable."""
+    nothing, one = tried(0.0), tried(60.0, "a@x", parent=())
+    one.refuse("a@x is not announced", nothing)
+    assert posterior(by_key(nothing, one), [], None).nothing > 0.99
+    one.unconfirmed = True
+    result = posterior(by_key(nothing, one), [], None)
+    assert result.nothing < 1e-6
+    assert result.models["a@x",] > 0.99
+
+
+def test_what_is_not_confirmed_is_said_and_not_named() -> None:
+    text = answer((), (), (), "validate", "unknown effect", "end stop at posts")
+    assert text.startswith("Something is missing. It looks most like end stop at posts, but the records held out are ")
+    assert "no effect of the catalogue" not in text

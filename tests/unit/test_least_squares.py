@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from estimation.fit.least_squares import Piece, solve
+from estimation.fit.least_squares import AT_LIMIT, Piece, solve
 
 T = np.linspace(0.0, 4.0, 200)
 
@@ -132,3 +132,20 @@ def test_large_residuals_teach_their_curvature(of, start, minimum, monkeypatch):
     assert 2.0 * learned.cost == pytest.approx(minimum, rel=1e-5)
     monkeypatch.setattr("estimation.fit.least_squares._updated_curvature", lambda curvature, *rest: curvature)
     assert learned.jacobians < run().jacobians
+
+
+def test_a_fit_goes_on_with_the_pieces_that_it_ended_with():
+    data = decay([2.0, 0.7, 5.0]) + 0.01 * np.random.default_rng(3).standard_normal(T.size)
+    residuals, pieces = problem(data)
+    bounds = np.full(4, -9.0), np.full(4, 9.0)
+    start, options = np.array([1.5, 0.4, 4.6, 0.0]), {"tolerance": 1e-4, "confirm": False}
+    first = solve(residuals, pieces, start, *bounds, max_evaluations=5, keep=True, **options)
+    assert first.message == AT_LIMIT
+    assert [p.residual for p in first.pieces] == [pytest.approx(r) for r in residuals(first.x)]
+    going_on = solve(residuals, pieces, first.x, *bounds, begin=first.pieces, **options)
+    anew = solve(residuals, pieces, first.x, *bounds, **options)
+    assert going_on.jacobians < anew.jacobians
+    # neither is confirmed by a new Jacobian: a corrected one promises only about what there is to gain
+    assert going_on.cost == pytest.approx(anew.cost, rel=1e-2)
+    fitted_anew = solve(residuals, pieces, first.x, *bounds, tolerance=1e-10, begin=first.pieces)
+    assert fitted_anew.cost == pytest.approx(fitted(tolerance=1e-10)[0].cost, rel=1e-8)

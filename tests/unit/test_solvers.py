@@ -195,6 +195,16 @@ def test_samples_are_the_same_as_t_eval(method):
     np.testing.assert_array_equal(np.concatenate([piece[2] for piece in pieces]).T, kept.y)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_come_at_once_where_the_buffer_holds_them(method):
+    prob, t = problem("oscillator"), np.linspace(0.0, 300.0, 1000)
+    pieces = []
+    samples = Samples(t, lambda first, times, states: pieces.append(len(states)))
+    done = integrate(prob, (0.0, 300.0), [1.0, 0.0], method=method, samples=samples, rtol=1e-11, atol=1e-13)
+    assert done.nfev > 6 * 2048, "more steps than the default method takes at a time"
+    assert pieces == [1000]
+
+
 def test_samples_in_many_small_pieces(monkeypatch):
     from multibody.solvers import base
 
