@@ -52,8 +52,7 @@ class Automatic(DormandPrince54):
     evaluated every two thousand explicit steps, does.  After a spell the explicit method is tried again, because a
     machine may be stiff only while it rests in dry friction.  If the stiff method's steps turn out not to be longer by
     more than they cost, the explicit one goes on, at first for some hundred steps, or until its own are so much shorter
-    than the stiff ones were that these would pay.  A problem without a tangent stays
-    with the explicit method.
+    than the stiff ones were that these would pay.  A problem without a tangent stays with the explicit method.
 
     It takes what `NativeSolver` takes, and two more parameters.
 

@@ -23,7 +23,8 @@ def diagnosed(seed, hide):
     return case, study, study.diagnose()
 
 
-@pytest.mark.parametrize("seed", [pytest.param(41, marks=pytest.mark.slow), 42])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [41, 42])
 def test_nothing_hidden_nothing_named(seed):
     _, _, conclusion = diagnosed(seed, [])
     assert conclusion.verdict == "nothing missing"
