@@ -396,6 +396,7 @@ class EvidenceSearch:
         if not least <= evidence.total < most:
             return False
         model.likelihood, model.evidence, model.in_full = there, evidence, False
+        self.state.progress(f"{model.name}: begins {best - evidence.total:.1f} nats below the best, and is not fitted")
         there.free_memory()
         return True
 
@@ -474,6 +475,9 @@ class EvidenceSearch:
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
+        if not model.in_full:
+            model.better, model.outcome = False, "not fitted: far below the best model where the fit would begin"
+            return
         gain = model.total - parent.total
         # laws in the place of a curve are the same force, with fewer parameters
         more = len(model.stage.effects) > len(parent.stage.effects) and model.move != "name a curve"
