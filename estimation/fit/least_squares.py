@@ -44,7 +44,7 @@ class Piece:
     residual: np.ndarray
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Solution:
     """The end point of a least-squares fit.
 
@@ -148,14 +148,7 @@ def solve(
                 message = "the error hardly decreases any more"
                 break
             if evaluations >= max_evaluations:
-                return Solution(
-                    x=x,
-                    cost=current,
-                    evaluations=evaluations,
-                    message=AT_LIMIT,
-                    jacobians=jacobians,
-                    pieces=rows if keep else (),
-                )
+                return Solution(x, current, evaluations, AT_LIMIT, jacobians, rows if keep else ())
             errors = residuals(trial)
             evaluations += 1
             reached = np.inf if errors is None else _cost(errors)
@@ -173,14 +166,7 @@ def solve(
             corrected += 1
             continue
         if not improved and (not corrected or (not confirm and message == "the error hardly decreases any more")):
-            return Solution(
-                x=x,
-                cost=current,
-                evaluations=evaluations,
-                message=message,
-                jacobians=jacobians,
-                pieces=rows if keep else (),
-            )
+            return Solution(x, current, evaluations, message, jacobians, rows if keep else ())
         rows = list(pieces(x))
         corrected, jacobians = 0, jacobians + 1
 
