@@ -20,6 +20,7 @@ import numpy as np
 __all__ = ["AT_LIMIT", "Piece", "Solution", "solve", "step_within"]
 
 AT_LIMIT = "reached the largest number of simulations"  # message of a fit that was stopped before its end
+FLAT = "the error hardly decreases any more"
 
 POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
@@ -44,7 +45,7 @@ class Piece:
     residual: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """The end point of a least-squares fit.
 
@@ -145,10 +146,11 @@ def solve(
             if np.linalg.norm(size * change) <= tolerance * 1e-2 * np.linalg.norm(size * x) or predicted <= 0:
                 break
             if predicted < tolerance * current:
-                message = "the error hardly decreases any more"
+                message = FLAT
                 break
             if evaluations >= max_evaluations:
-                return Solution(x, current, evaluations, AT_LIMIT, jacobians, rows if keep else ())
+                message = AT_LIMIT
+                break
             errors = residuals(trial)
             evaluations += 1
             reached = np.inf if errors is None else _cost(errors)
@@ -165,8 +167,12 @@ def solve(
         if improved and not poor and corrected < CORRECTIONS:
             corrected += 1
             continue
-        if not improved and (not corrected or (not confirm and message == "the error hardly decreases any more")):
-            return Solution(x, current, evaluations, message, jacobians, rows if keep else ())
+        converged = not improved and (not corrected or (not confirm and message == FLAT))
+        if converged or message == AT_LIMIT:
+            kept = rows if keep else ()
+            return Solution(
+                x=x, cost=current, evaluations=evaluations, message=message, jacobians=jacobians, pieces=kept
+            )
         rows = list(pieces(x))
         corrected, jacobians = 0, jacobians + 1
 
