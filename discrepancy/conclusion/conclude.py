@@ -19,6 +19,8 @@ from discrepancy.conclusion.sentences import (
     poor_fit_note,
     probability_sentence,
     stopped_early_warnings,
+    time_limit_sentence,
+    time_limit_warnings,
     title_of,
     title_of_name,
     verdict_of,
@@ -114,6 +116,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         *(t.sentence for t in trends),
         *warnings_about_effects(stages),
         *dict.fromkeys(state.unanswered),
+        *time_limit_warnings(state.not_tried),
     ]
     if state.interrupted:
         by = f" ({state.interruption})" if state.interruption not in ("", "interrupted") else ""
@@ -135,6 +138,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     probabilities = _probabilities(by_evidence, verdict)
     sentences += [probability_sentence(probabilities)] if probabilities is not None else []
     sentences += [noise_summary(noisy)] if noisy else []
+    sentences += [time_limit_sentence(problem.time_limit)] if state.not_tried else []
     paths = [str(problem.path)] if problem.path is not None else []
     paths += [str(e.record.path) for e in (*problem.identify, *problem.validate)]
     extra: dict[str, Any] = {"separating_trips": [t.to_dict() for t in trips]}

@@ -34,6 +34,8 @@ __all__ = [
     "poor_fit_note",
     "probability_sentence",
     "stopped_early_warnings",
+    "time_limit_sentence",
+    "time_limit_warnings",
     "title_of",
     "title_of_name",
     "title_of_rival",
@@ -406,6 +408,33 @@ def stopped_early_warnings(stage: Stage) -> list[str]:
         "is said of effects beside them, may be wrong. Fix parameters that these records do not tell apart, or state "
         "better start values."
     ]
+
+
+def time_limit_sentence(limit: float) -> str:
+    """Return the sentence that says that a search reached its time limit, in s.
+
+    Examples
+    --------
+    >>> time_limit_sentence(240.0)
+    'The search reached its time limit of 240 s of processor time: there may be more to find.'
+    """
+    return f"The search reached its time limit of {limit:g} s of processor time: there may be more to find."
+
+
+def time_limit_warnings(not_tried: Sequence[str]) -> list[str]:
+    """Return what a search left out because it had reached its time limit, as a warning.
+
+    Examples
+    --------
+    >>> time_limit_warnings([])
+    []
+    >>> time_limit_warnings(["free curves"])
+    ['Not tried, because the search had reached its time limit ([study] time_limit raises it): free curves.']
+    """
+    if not not_tried:
+        return []
+    what = "; ".join(dict.fromkeys(not_tried))
+    return [f"Not tried, because the search had reached its time limit ([study] time_limit raises it): {what}."]
 
 
 def manual_checks(stages: Sequence[Stage], hidden: Sequence[HiddenEffect]) -> tuple[str, ...]:

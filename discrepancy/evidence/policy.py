@@ -16,10 +16,10 @@ class Policy:
     Parameters
     ----------
     beam : int
-        Models that may be extended at a time.  Two effects that mask each other are found where the second-best first
-        step is kept.
+        Models that may be extended or taken at a time.
     reach : float
-        Nats below the best model up to which another is extended: one effect more seldom turns a larger deficit.
+        Nats below the best model up to which the noise of another is made as rich as that of the best, and up to which
+        two log evidences of one model may differ by where it is linearised.
     expansions : int
         Models that are extended, at most: bounds the time of a search.
     refits : int
@@ -38,9 +38,9 @@ class Policy:
     pair_advantage : float
         Nats by which the linear evidence of a pair must exceed that of the best single effect to be fitted at once.
     improvement : float
-        Nats by which a model must be better than the one that it was made of to be extended.  The prior odds are part
-        of the evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat
-        for each of the few parameters that an effect has.
+        Nats by which a model must be better than the one that it was made of to be extended, and within which two
+        models are as good as each other.  The prior odds are part of the evidence, so zero would do were the evidence
+        exact; the Laplace approximation is not, by about one nat for each of the few parameters that an effect has.
     relevance : float
         Share of a mean square error, a hundredth of the error itself, from which a change of it counts: nobody would
         see less in a figure.  An effect that changes so much of an output must lower it on the records left out.

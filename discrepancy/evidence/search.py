@@ -76,6 +76,8 @@ class EvidenceSearch:
         state = self.state
         start = self._known(state.stage)
         while (model := self._next()) is not None:
+            if self.expansions and state.out_of_time_for(f"what is missing beside {model.name}"):
+                break
             self._extend(model)
         best = self._confirmed(self._kept_by_prediction(self._ranked()[0]))
         best = self._beside_unknown_law(best)
@@ -117,7 +119,11 @@ class EvidenceSearch:
         return sorted((m for m in self.models.values() if m.better), key=lambda m: -m.total)
 
     def _next(self) -> TriedModel | None:
-        """Return the model to extend next: the best of the beam that has not been extended, if it is within reach."""
+        """Return the model to extend next; None where the search ends.
+
+        It is the best one.  Once that was extended in vain, it is another that is as good but for the error of the
+        evidence: an effect that gains nothing beside the best hardly makes up for more.
+        """
         while True:
             beam = self._ranked()[: POLICY.beam]
             within = [m for m in beam if m.total >= beam[0].total - POLICY.reach]
@@ -125,7 +131,8 @@ class EvidenceSearch:
                 break
         if self.expansions >= POLICY.expansions:
             return None
-        return next((m for m in within if not m.expanded), None)
+        as_good = [m for m in within if m.total >= beam[0].total - POLICY.improvement]
+        return next((m for m in as_good if not m.expanded), None)
 
     def _refine(self, model: TriedModel) -> bool:
         """Let the noise of a model have further latent processes; tell whether that was not done before."""
@@ -295,7 +302,8 @@ class EvidenceSearch:
     ) -> list[TriedModel]:
         """Fit the models that are offered and keep them, each with its evidence.
 
-        With ``look`` those that are hopeless where the fit begins are not fitted further.
+        With ``look`` those that are hopeless where the fit begins are not fitted further, and after the time limit only
+        the first.
         """
         state = self.state
         assert parent.likelihood is not None
@@ -319,6 +327,9 @@ class EvidenceSearch:
                 parent=parent.key,
                 p_value=p_value,
             )
+            if look and done and state.out_of_time_for(model.name):
+                model.outcome = "not fitted: the search had reached its time limit"
+                return model
             if look and self._is_hopeless(model, proposal, parent):
                 return model
             stage = self._best_fit(model, proposal, parent)

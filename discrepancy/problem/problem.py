@@ -14,7 +14,7 @@ from discrepancy.problem.clocks import found_offsets, with_margin
 from discrepancy.problem.held_out import held_out_content
 from discrepancy.problem.start_states import at_rest, starts_of_record
 from discrepancy.problem.study_file import StudyError, StudyFile, StudyRecords, read_study
-from discrepancy.problem.tables import MOST_ROWS
+from discrepancy.problem.tables import MOST_ROWS, TIME_LIMIT
 from estimation.files.record import Record
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.experiment import Experiment
@@ -61,6 +61,8 @@ class Problem:
         `Study.searches_by_evidence` says.
     most_rows : int
         Of a record with more rows, sections are used (`discrepancy.residual.sections`).
+    time_limit : float
+        Processor time of a search after which nothing further is tried, s.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Problem:
     inputs: str = "auto"
     search: str = "auto"
     most_rows: int = MOST_ROWS
+    time_limit: float = TIME_LIMIT
 
 
 def make_experiments(
@@ -214,6 +217,7 @@ def read_problem(
         inputs=study.study.inputs,
         search=study.study.search,
         most_rows=study.study.most_rows,
+        time_limit=study.study.time_limit,
     )
 
 

@@ -540,6 +540,10 @@ class _Reader:
             self.fault("[study] max_effects", "must not be negative")
         if study.most_rows < FEWEST_ROWS:
             self.fault("[study] most_rows", f"is {study.most_rows}, and must be at least {FEWEST_ROWS}")
+        if not study.time_limit > 0.0:
+            self.fault(
+                "[study] time_limit", f"is {study.time_limit:g}, and must be positive: seconds of processor time"
+            )
         if study.seed < 0:
             self.fault("[study] seed", "must not be negative")
 

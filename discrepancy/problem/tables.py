@@ -15,6 +15,7 @@ __all__ = [
     "BY_RECORD",
     "FEWEST_ROWS",
     "MOST_ROWS",
+    "TIME_LIMIT",
     "CandidatesTable",
     "ClockTable",
     "Column",
@@ -38,6 +39,9 @@ BY_RECORD = "record"
 MOST_ROWS = 100_000
 #: Fewer would leave sections too short for a machine to show what it does.
 FEWEST_ROWS = 10_000
+#: Processor time of a search after which nothing further is tried, in s.  Chosen: with what comes before and after the
+#: search, the answer is there within some minutes.
+TIME_LIMIT = 240.0
 
 
 class ModelTable(msgspec.Struct, frozen=True):
@@ -131,7 +135,7 @@ class StudyTable(msgspec.Struct, frozen=True):
     ``level`` is the chance, over all candidates of a step together, of naming an effect that is not there.  ``search``
     compares models step by step by the significance of effects, or whole models by their marginal likelihood; "auto"
     does the latter where whole records of a small machine are simulated.  Of records of more than ``most_rows`` rows,
-    sections are used.
+    sections are used.  After ``time_limit`` seconds of processor time a search tries nothing further.
     """
 
     residual: Literal["auto", "simulation", "prediction", "inverse"] = "auto"
@@ -141,6 +145,7 @@ class StudyTable(msgspec.Struct, frozen=True):
     level: float = 0.02
     search: Literal["auto", "significance", "evidence"] = "auto"
     most_rows: int = MOST_ROWS
+    time_limit: float = TIME_LIMIT
 
 
 class OffsetsTable(msgspec.Struct, frozen=True):

@@ -45,9 +45,12 @@ class Search:
         if state.elimination_pending:
             self.eliminate()
         self._add_significant()
-        while state.if_simulated("whether another effect is the better one", self._exchange):
+        while not self._out_of_time_for("exchanges of effects") and state.if_simulated(
+            "whether another effect is the better one", self._exchange
+        ):
             self._add_significant()
-        state.if_simulated("whether a free curve is better", self._try_curves)
+        if not self._out_of_time_for("free curves"):
+            state.if_simulated("whether a free curve is better", self._try_curves)
         whole = state.mode == "simulation" and state.given.residual == "auto"
         if not state.accepted_stages and whole and state.cut_into_windows(state.stages[1].rmse("identify")):
             self.run()
@@ -132,7 +135,7 @@ class Search:
     def _add_significant(self) -> None:
         """Explain and add, as long as there is something significant and room for it."""
         state = self.state
-        while len(state.stage.effects) < state.problem.max_effects:
+        while len(state.stage.effects) < state.problem.max_effects and not self._out_of_time_for("a further effect"):
             decision = state.if_simulated("what is still missing", self.explain) if state.decisions else self.explain()
             if decision is None or decision.accepted is None or decision.stage is None:
                 return
@@ -144,6 +147,10 @@ class Search:
                 self.accept(*decision.first)
             state.progress(f"add {decision.accepted.effect}")
             self._add(decision.accepted, decision.stage)
+
+    def _out_of_time_for(self, what: str) -> bool:
+        """Tell whether the time limit is reached; something is looked for once in any case."""
+        return bool(self.state.decisions) and self.state.out_of_time_for(what)
 
     def _add_without_significance(self) -> bool:
         """Add the likeliest effect where none is significant and yet the omnibus test rejects; tell if there is one."""

@@ -6,6 +6,8 @@ state with the methods that users call.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -68,6 +70,8 @@ class SearchState:
         Whether the residual follows the machine's inputs; tested where no effect was found.
     unanswered : list of str
         Questions that the latest stage could not answer, because its model could not be simulated for them.
+    not_tried : list of str
+        What the search left out because it had reached its time limit.
 
     Attributes
     ----------
@@ -90,9 +94,26 @@ class SearchState:
     prior_conflict: PriorConflict | None = field(default=None, kw_only=True)
     omnibus: Omnibus | None = field(default=None, kw_only=True)
     unanswered: list[str] = field(default_factory=list, kw_only=True)
+    not_tried: list[str] = field(default_factory=list, kw_only=True)
 
     def __post_init__(self) -> None:
         self.given = self.problem
+        self._end = math.inf
+
+    # ---------------------------------------------------------------- time
+
+    def start_clock(self) -> None:
+        """Let the time limit of a search begin."""
+        self._end = time.process_time() + self.problem.time_limit
+        self.not_tried.clear()
+
+    def out_of_time_for(self, what: str) -> bool:
+        """Tell whether the search has reached its time limit, and note what it leaves out for that."""
+        if time.process_time() < self._end:
+            return False
+        self.progress(f"the time limit is reached: not tried: {what}")
+        self.not_tried.append(what)
+        return True
 
     # ---------------------------------------------------------------- how model and records are compared
 

@@ -413,6 +413,7 @@ class Study(SearchState):
         step: dict[str, Any] = {"action": "search"}
         self._log(step)
         by_evidence: EvidenceSearch | None = None
+        self.start_clock()
         try:
             if self.searches_by_evidence():
                 by_evidence = EvidenceSearch(self)
