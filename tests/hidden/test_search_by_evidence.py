@@ -56,6 +56,17 @@ def test_nothing_hidden_nothing_named(diagnosed):
     assert max(p for k, p in conclusion.probabilities.models.items() if k) < 0.1
 
 
+def test_a_search_that_reaches_its_time_limit_answers_and_says_what_it_left_out():
+    problem = axis_case(1, ["coulomb_friction@guide"], trips=4).problem(seed=1)
+    conclusion = Study(replace(problem, include=FEW, search="evidence", time_limit=1e-3)).diagnose()
+    assert [str(a.effect) for a in conclusion.accepted] == ["coulomb_friction@guide"], "what was fitted is tested"
+    assert "reached its time limit of 0.001 s" in conclusion.sentence
+    (warning,) = [w for w in conclusion.warnings if "[study] time_limit" in w]
+    left_out = [m.name for m in conclusion.models if "time limit" in m.outcome]
+    assert all(name in warning for name in left_out)
+    assert "what is missing beside coulomb_friction@guide" in warning
+
+
 def test_every_model_that_was_tried_is_in_the_decisions(diagnosed, tmp_path):
     _, conclusion = diagnosed(1, ["coulomb_friction@guide"])
     content = json.loads(save_decisions(conclusion, tmp_path / "decisions.json").read_text())

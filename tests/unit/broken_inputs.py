@@ -437,6 +437,7 @@ def of_rarer_keys() -> Iterator[Broken]:
     for key, values in {
         "search": ('"evidences"', '"fast"', "1"),
         "most_rows": ("0", "-1", "100", "1.5", '"all"'),
+        "time_limit": ("0", "-1.0", "nan", '"60 s"'),
         "inputs": ('"recorded"', "true"),
         "residual": ('"simulations"', '"backward"'),
     }.items():
