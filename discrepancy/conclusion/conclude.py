@@ -163,10 +163,10 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     if checks:
         extra["predictive_checks"] = [c.to_dict() for c in checks]
         extra["checks"] = checks_by_output(checks, last.fits(judged_on))
-    if by_evidence is not None and by_evidence.predictive:
-        extra["predictive_gain"] = {name: gain.to_dict() for name, gain in by_evidence.predictive.items()}
-    if by_evidence is not None and by_evidence.unconfirmed:
-        extra["not_confirmed_on_held_out_records"] = list(by_evidence.unconfirmed)
+    if by_evidence is not None and by_evidence.announcement.predictive:
+        extra["predictive_gain"] = {name: gain.to_dict() for name, gain in by_evidence.announcement.predictive.items()}
+    if by_evidence is not None and by_evidence.announcement.unconfirmed:
+        extra["not_confirmed_on_held_out_records"] = list(by_evidence.announcement.unconfirmed)
     if omnibus is not None:
         extra["follows_inputs"] = _omnibus_entry(omnibus)
     return Conclusion(
@@ -187,7 +187,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         paths=tuple(paths),
         extra=extra,
         probabilities=probabilities,
-        models=tuple(by_evidence.models.values()) if by_evidence is not None else (),
+        models=tuple(by_evidence.tried.models.values()) if by_evidence is not None else (),
     )
 
 
@@ -223,19 +223,19 @@ def _uneven(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Une
 
 def _unknown_law(by_evidence: EvidenceSearch | None) -> UnknownLaw | None:
     """Return what follows the machine's state beside the model that was taken, if that was asked."""
-    taken = by_evidence.taken if by_evidence is not None else None
+    taken = by_evidence.tried.taken if by_evidence is not None else None
     return taken.unknown_law if taken is not None else None
 
 
 def _unconfirmed(by_evidence: EvidenceSearch | None) -> str:
     """Return the most probable effects that the records held out do not confirm; empty where nothing is likelier."""
-    if by_evidence is None or not by_evidence.unconfirmed:
+    if by_evidence is None or not by_evidence.announcement.unconfirmed:
         return ""
     probabilities = _probabilities(by_evidence, "")
     assert probabilities is not None
     if probabilities.nothing > 0.5:
         return ""
-    most = max((m for m in by_evidence.models.values() if m.unconfirmed), key=lambda m: m.total)
+    most = max((m for m in by_evidence.tried.models.values() if m.unconfirmed), key=lambda m: m.total)
     return listed([title_of_name(name) for name in most.key])
 
 
@@ -244,12 +244,12 @@ def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterio
     if by_evidence is None:
         return None
     names = key_of(by_evidence.state.stages[-1].effects)
-    start = by_evidence.start
+    start = by_evidence.tried.start
     asked = start.proposals if start is not None else None
-    taken = by_evidence.taken
+    taken = by_evidence.tried.taken
     final = taken.proposals if taken is not None else None
     unknown = verdict == "unknown effect"
-    return posterior(by_evidence.models, names, asked, final, by_evidence.prior, unknown=unknown)
+    return posterior(by_evidence.tried.models, names, asked, final, by_evidence.tried.prior, unknown=unknown)
 
 
 def _accepted_curve(

@@ -87,7 +87,8 @@ class TriedModel:
     at_likeliest : bool
         Whether its parameters are those of largest likelihood and no longer of least squares.
     in_full : bool
-        Whether it was fitted; else it stands where the fit would have begun, too improbable for any fit to matter.
+        Whether it was fitted; else it stands where the fit would have begun, too improbable for any fit to matter, or
+        has no likelihood, because the time limit came first.
     counts_for : tuple of str or None
         Model whose probability its own is part of, where it does not matter; None: the one that it was made of.
     """

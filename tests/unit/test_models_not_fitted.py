@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 
 from discrepancy.effects.effect import Effect
-from discrepancy.evidence import search as module
+from discrepancy.evidence import trials as module
 from discrepancy.evidence.criterion import Evidence, ModelPrior
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.proposals import Proposal
-from discrepancy.evidence.search import EvidenceSearch
+from discrepancy.evidence.trials import Trials
+from discrepancy.evidence.tried_models import TriedModels
 
 DRAG, PLAY = (
     Effect(kind=kind, where="shaft", strengths={name: 1.0})
@@ -36,13 +37,13 @@ def left_unfitted(
     likelihood = SimpleNamespace(stage=None, neighbour=lambda stage, noise: there)
     state: Any = SimpleNamespace(unfitted=lambda *given: None, progress=lambda text: None)
     monkeypatch.setattr(module, "log_evidence", lambda likelihood, prior: evidence(total))
-    search = EvidenceSearch(state)
-    search.prior = ModelPrior(candidates=9, shapes={}, stated={})
+    tried = TriedModels(state)
+    tried.prior = ModelPrior(candidates=9, shapes={}, stated={})
     nothing = TriedModel(likelihood=likelihood, key=(), evidence=evidence(0.0))  # type: ignore[arg-type]
     other = TriedModel(likelihood=None, key=("other@shaft",), evidence=evidence(best))
-    search.models = {m.key: m for m in (nothing, other)}
+    tried.models = {m.key: m for m in (nothing, other)}
     model = TriedModel(likelihood=None, key=key_of(proposal.effects), evidence=None)
-    answer = search._is_hopeless(model, proposal, nothing)
+    answer = Trials(tried)._is_hopeless(model, proposal, nothing)
     assert answer is not model.in_full
     assert (model.likelihood is there) is answer
     return answer

@@ -19,7 +19,7 @@ def search_with(**totals: float) -> EvidenceSearch:
     for letter, total in totals.items():
         evidence: Any = SimpleNamespace(total=total)
         likelihood: Any = SimpleNamespace(grow=True)  # its noise is as rich as it gets
-        search.models[letter,] = TriedModel(key=(letter,), likelihood=likelihood, evidence=evidence, better=True)
+        search.tried.models[letter,] = TriedModel(key=(letter,), likelihood=likelihood, evidence=evidence, better=True)
     return search
 
 
@@ -44,7 +44,7 @@ def test_what_is_better_than_what_it_was_made_of_comes_next() -> None:
     first = search._next()
     assert first is not None
     first.expanded = True
-    search.models.update(search_with(c=150.0).models)
+    search.tried.models.update(search_with(c=150.0).tried.models)
     assert order(search) == "c"
 
 

@@ -13,7 +13,7 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import shift_over_noise
-from discrepancy.evidence.search import EvidenceSearch
+from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.innovations.noise_model import NoiseModel, Process
 
 
@@ -46,12 +46,12 @@ def tried(key: tuple[str, ...], total: float) -> TriedModel:
 @pytest.mark.parametrize("behind", [POLICY.reach - 1.0, POLICY.reach + 1.0])
 def test_a_model_far_below_a_simpler_one_is_given_its_noise(behind: float, monkeypatch: pytest.MonkeyPatch) -> None:
     state: Any = SimpleNamespace()
-    search = EvidenceSearch(state)
+    models = TriedModels(state)
     for key, total in (((), 0.0), (("a",), 50.0), (("c",), 90.0)):
-        search.models[key] = tried(key, total)
+        models.models[key] = tried(key, total)
     shared: list[tuple[str, ...]] = []
-    monkeypatch.setattr(search, "_with_noise_of", lambda source, model: shared.append(source.key))
-    search._share_noise_of_simpler(tried(("a", "b"), 50.0 - behind))
+    monkeypatch.setattr(models, "with_noise_of", lambda source, model: shared.append(source.key))
+    models.share_noise_of_simpler(tried(("a", "b"), 50.0 - behind))
     assert shared == ([("a",)] if behind > POLICY.reach else [])
 
 

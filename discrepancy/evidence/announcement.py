@@ -1,0 +1,207 @@
+"""Which effects of the best model are announced: those that predict better what was left out and held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from discrepancy.evidence import moves
+from discrepancy.evidence.criterion import log_evidence
+from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.predictive import PredictiveGain, held_out_gain, predictive_gain
+from discrepancy.evidence.proposals import Proposal
+from discrepancy.evidence.trials import Trials
+from discrepancy.evidence.tried_models import TriedModels
+from discrepancy.evidence.unknown_law import unknown_law
+from discrepancy.search.state import SearchState
+from discrepancy.stages.fit_stage import with_validation
+from discrepancy.stages.held_out_errors import SimulationGain, held_out_gain_of_errors
+from discrepancy.stages.stage import Stage
+from multibody.base.errors import ModelError
+from multibody.base.memory import give_back
+
+__all__ = ["Announcement"]
+
+
+@dataclass(eq=False)
+class Announcement:
+    """The tests that the effects of the best model have to pass.
+
+    Parameters
+    ----------
+    trials : Trials
+        Of the search.
+
+    Attributes
+    ----------
+    predictive : dict of str to PredictiveGain
+        By how much records left out are predicted better with an effect.
+    unconfirmed : list of str
+        Effects that no record held out is predicted better with.
+    """
+
+    trials: Trials
+    predictive: dict[str, PredictiveGain] = field(default_factory=dict, init=False)
+    unconfirmed: list[str] = field(default_factory=list, init=False)
+
+    def of(self, best: TriedModel) -> TriedModel:
+        """Return what remains of the best model: the answer."""
+        return self._beside_unknown_law(self._confirmed(self._kept_by_prediction(best)))
+
+    @property
+    def _tried(self) -> TriedModels:
+        return self.trials.tried
+
+    @property
+    def _state(self) -> SearchState:
+        return self.trials.tried.state
+
+    def _kept_by_prediction(self, best: TriedModel) -> TriedModel:
+        """Drop effects without which records left out are predicted as well, one after another."""
+        state = self._state
+        while best.key and best.likelihood is not None:
+            weakest: tuple[float, TriedModel, str] | None = None
+            for model in self.trials.fitted_once(best, [*self._simplifications(best), *moves.drops(best)]):
+                if model.likelihood is None:
+                    continue
+                if best.total > model.total:
+                    self._tried.with_noise_of(best, model)
+                gain = predictive_gain(best.likelihood, model.likelihood)
+                dropped = " + ".join(sorted(set(best.key) - set(model.key)))
+                if new := set(model.key) - set(best.key):
+                    dropped += f" in place of {' + '.join(sorted(new))}"
+                else:
+                    self.predictive[dropped] = gain
+                state.progress(
+                    f"{dropped}: log predictive score of {gain.blocks} blocks left out {gain.gain:+.1f} "
+                    f"± {gain.standard_error:.1f}"
+                )
+                why = self._why_dropped(best, model, gain)
+                if why and (weakest is None or gain.gain < weakest[0]):
+                    weakest = gain.gain, model, f"{dropped} is not taken: {why}"
+            if weakest is None:
+                return best
+            state.progress(weakest[2])
+            best.refuse(weakest[2], weakest[1])
+            best = weakest[1]
+        return best
+
+    def _simplifications(self, best: TriedModel) -> list[Proposal]:
+        """Return the models with a simpler law in the place of another, unless a parameter of the model is that law."""
+        owned = {n for m in self._tried.models.values() if m.proposals is not None for n in m.proposals.owned}
+        return [p for p in moves.simplifications(best) if not owned & {str(e) for e in p.effects}]
+
+    @staticmethod
+    def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
+        """Return why an effect is dropped again; an empty text where it stays."""
+        if not gain.exceeds(POLICY.predictive_errors):
+            return "records left out are predicted no better with it"
+        if not best.is_more_probable_than(without):
+            return "the model without it is more probable"
+        return moves.why_irrelevant(best, without)
+
+    def _confirmed(self, best: TriedModel) -> TriedModel:
+        """Drop effects that predict nothing of the records held out better, or some output worse, one after another.
+
+        They may be there: where nothing is announced, the evidence for them stands in the probabilities.  They are not
+        announced, because the model predicts nothing better with them.  Of several the one goes first that the evidence
+        asks for least: of two that stand for each other, either is idle beside the other.  Where forces that nobody
+        recorded make most of an output's error, its square hardly shows an effect; the log predictive score knows these
+        forces.
+        """
+        state = self._state
+        while best.key and best.likelihood is not None and state.problem.validate:
+            self._move_to_likeliest(best)
+            weakest: tuple[float, TriedModel, str] | None = None
+            for model in self.trials.fitted_once(best, moves.drops(best)):
+                if model.likelihood is None:
+                    continue
+                gain = self._held_out_gain_of_errors(best.stage, model.stage)
+                dropped = " + ".join(sorted(set(best.key) - set(model.key)))
+                state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
+                helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
+                if not helps:
+                    score = held_out_gain(state.problem, best.likelihood, model.likelihood)
+                    state.progress(
+                        f"{dropped}: log predictive score of {score.blocks} blocks held out {score.gain:+.1f} "
+                        f"± {score.standard_error:.1f}"
+                    )
+                    helps = score.exceeds(POLICY.predictive_errors)
+                if helps and not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                    continue
+                if weakest is None or model.total > weakest[0]:
+                    weakest = model.total, model, dropped
+            if weakest is None:
+                return best
+            best.unconfirmed = True
+            best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better", weakest[1])
+            state.progress(best.outcome)
+            self.unconfirmed.append(weakest[2])
+            best = weakest[1]
+        return best
+
+    def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
+        problem = self._state.problem
+        return held_out_gain_of_errors(with_validation(problem, one), with_validation(problem, other))
+
+    def _move_to_likeliest(self, model: TriedModel) -> None:
+        """Move a model to the parameters of largest likelihood, unless it is clearly less probable there.
+
+        Trials are fitted by least squares.  Beside a large random force these are far from the likeliest parameters:
+        the strength of an effect is then mostly what the random force happened to be.  But the model without the effect
+        was calibrated by least squares, and the records held out must not be predicted worse than by that.  The step is
+        that of the linearised problem.  Where it is right the log evidence stays, but for what another linearisation
+        makes of it, which is some nats where dry friction sticks.
+        """
+        likelihood, prior = model.likelihood, self._tried.prior
+        if likelihood is None or prior is None or model.at_likeliest:
+            return
+        try:
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values())
+            there = likelihood.neighbour(stage)
+            evidence = log_evidence(there, prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
+            self._state.progress(f"{model.name} stays at the parameters of least squares: {error}")
+            return
+        if evidence.total < model.total - POLICY.reach:
+            return
+        if self._held_out_gain_of_errors(there.stage, likelihood.stage).harms(POLICY.harm, POLICY.simulation_errors):
+            self._state.progress(f"{model.name} stays at the parameters of least squares, which predict better")
+            return
+        self._state.progress(
+            f"{model.name}: log evidence {evidence.total - model.total:+.1f} at the likeliest parameters"
+        )
+        model.likelihood, model.evidence, model.at_likeliest = there, evidence, True
+
+    def _beside_unknown_law(self, best: TriedModel) -> TriedModel:
+        """Return the most probable of a model and those with one effect less or none, each with an unknown law.
+
+        A force without a name is a rival of every name.  Where it explains the records better than an effect does, and
+        the effect adds nothing to it, the name is wrong, or is one of many that would do.
+        """
+        fewer = [self._tried.models[key] for p in moves.drops(best) if (key := key_of(p.effects)) in self._tried.models]
+        rivals = list({m.key: m for m in (best, *fewer, *([self._tried.start] if self._tried.start else []))}.values())
+        for model in rivals:
+            self._ask_for_unknown_law(model)
+        likeliest = max(rivals, key=lambda m: m.log_weight_with_law)
+        if likeliest is best or likeliest.log_weight_with_law <= best.log_weight_with_law:
+            return best
+        law = likeliest.unknown_law
+        assert law is not None
+        best.better = False
+        best.outcome = f"a law that is not in the catalogue explains the records better: {law.name}"
+        self._state.progress(f"{best.name}: {best.outcome}")
+        return likeliest
+
+    def _ask_for_unknown_law(self, model: TriedModel) -> None:
+        likelihood = model.likelihood
+        if likelihood is None or model.unknown_law is not None:
+            return
+        self._state.progress(f"what follows the machine's state beside {model.name}")
+        model.unknown_law = self._state.if_simulated(
+            "whether something follows the machine's state by an unknown law", lambda: unknown_law(likelihood)
+        )
+        likelihood.free_memory()
+        give_back()

@@ -1,0 +1,104 @@
+"""The stages of the answer: one for each effect, in the order in which they raise the evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.posterior import rivals_of
+from discrepancy.evidence.tried_models import TriedModels
+from discrepancy.stages.fit_stage import with_validation
+from discrepancy.stages.stage import AcceptedEffect
+
+if TYPE_CHECKING:
+    from discrepancy.effects.effect import Effect
+    from discrepancy.stages.stage import Stage
+
+__all__ = ["make_stages"]
+
+
+def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None:
+    """Make the stages of the best model, one for each effect, in the order in which they raise the evidence."""
+    state = tried.state
+    _fit_further(tried, start)
+    _keep_scans(tried)
+    if best.likelihood is None or best.key == start.key:
+        return
+    had = {str(e) for e in start.stage.effects}
+    order = _order(tried, [e for e in best.stage.effects if str(e) not in had])
+    effects = tuple(e for e in best.stage.effects if str(e) in had)
+    names = {str(e) for e in effects}
+    for effect in order:
+        names.add(str(effect))
+        effects = tuple(e for e in best.stage.effects if str(e) in names)
+        state.progress(f"add {effect}")
+        before, model = state.stages[-1], tried.models.get(key_of(effects))
+        stage = _fitted(tried, f"+ {effect}", effects, model, best)
+        fitted = next(e for e in stage.effects if str(e) == str(effect))
+        others = (*(e for e in stage.effects if e is not fitted), fitted)
+        parent = tried.models.get(key_of(before.effects))
+        gain = model.total - parent.total if model is not None and parent is not None else math.nan
+        accepted = AcceptedEffect(
+            effect=fitted,
+            p_value=_p_value(tried, str(fitted)),
+            delta_bic=-2.0 * gain,
+            rivals=rivals_of(best, str(fitted), tried.models, start.proposals, best.proposals),
+        )
+        state.stages.append(replace(stage, effects=others, accepted=accepted))
+        _keep_scans(tried)
+        state.save()
+
+
+def _fitted(
+    tried: TriedModels, name: str, effects: tuple[Effect, ...], model: TriedModel | None, best: TriedModel
+) -> Stage:
+    """Return the stage of some of the best model's effects, fitted from where the model with just these stands."""
+    state = tried.state
+    if model is None or model.likelihood is None:
+        model, trial = None, best.stage
+    else:
+        effects, trial = model.stage.effects, model.stage
+    try:
+        if model is not None and model.at_likeliest:
+            return state.moved_to(replace(trial, name=name), trial.identify.to_dict())
+        return state.fitted(name, effects, trial, state.stages[-1].noise)
+    except RuntimeError as error:
+        state.progress(f"{name} could not be fitted further, the fit on trial is kept: {error}")
+        return with_validation(state.problem, trial)
+
+
+def _fit_further(tried: TriedModels, start: TriedModel) -> None:
+    """Make the stage that the search began with again, where a better fit of it was found on trial."""
+    before = tried.state.stages[-1]
+    if start.likelihood is None or start.at_likeliest or start.stage is before:
+        return
+    stage = tried.state.fitted(before.name, before.effects, start.stage, before.noise)
+    tried.state.stages[-1] = replace(stage, accepted=before.accepted, notes=before.notes)
+    tried.state.save()
+
+
+def _keep_scans(tried: TriedModels) -> None:
+    """Give the latest stage the scores of its candidates, if its model was extended."""
+    stages = tried.state.stages
+    model = tried.models.get(key_of(stages[-1].effects))
+    if model is not None and model.proposals is not None:
+        stages[-1] = replace(stages[-1], scan=model.proposals.scan)
+
+
+def _order(tried: TriedModels, effects: Sequence[Effect]) -> list[Effect]:
+    """Return effects in the order in which the search can have added them."""
+
+    def alone(effect: Effect) -> float:
+        model = tried.models.get(key_of([effect]))
+        return model.total if model is not None else -math.inf
+
+    return sorted(effects, key=lambda e: -alone(e))
+
+
+def _p_value(tried: TriedModels, name: str) -> float:
+    """Return the smallest family-wise p-value with which a candidate was scored at any step."""
+    found = [r.p_value for d in tried.state.decisions for s in d.scans for r in s.rows if r.name == name]
+    return min(found, default=1.0)

@@ -1,0 +1,277 @@
+"""Trial fits: models that are offered are fitted, and stand among those that were tried with their evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.evidence.criterion import Evidence, log_evidence
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.proposals import Proposal
+from discrepancy.evidence.standstill import places_that_stick
+from discrepancy.evidence.tried_models import TriedModels, judge
+from discrepancy.stages.stage import Stage
+from multibody.base.errors import ModelError
+from multibody.base.memory import give_back
+from multibody.base.parallel import parallel_map
+
+if TYPE_CHECKING:
+    from discrepancy.effects.effect import Effect
+    from discrepancy.search.state import SearchState
+
+__all__ = ["Trials", "most_believed"]
+
+
+@dataclass(eq=False)
+class Trials:
+    """Fits of the models of a search.
+
+    Parameters
+    ----------
+    tried : TriedModels
+        Models are added to it, and replaced where a better fit is found.
+    """
+
+    tried: TriedModels
+
+    @property
+    def _state(self) -> SearchState:
+        return self.tried.state
+
+    def fitted(
+        self, parent: TriedModel, offers: Sequence[tuple[Proposal, float]], look: bool = False
+    ) -> list[TriedModel]:
+        """Fit the models that are offered and keep them, each with its evidence.
+
+        With ``look`` those that are hopeless where the fit begins are not fitted further, and after the time limit only
+        the first.
+        """
+        state = self._state
+        assert parent.likelihood is not None
+        _ = parent.likelihood.noise  # before the fits go side by side
+        done: list[TriedModel] = []
+
+        def tried(offer: tuple[Proposal, float]) -> TriedModel:
+            proposal, p_value = offer
+            model = self._trial(proposal, parent, look=look, first=not done)
+            model.p_value = p_value
+            done.append(model)
+            return model
+
+        try:
+            trials = parallel_map(tried, offers)
+        except KeyboardInterrupt:
+            self._keep(done, parent)
+            raise
+        self._keep(trials, parent)
+        give_back()
+        for model in trials:
+            rise = f"log evidence {model.total - parent.total:+.1f}, " if model.likelihood is not None else ""
+            state.progress(f"{model.name}: {rise}{model.outcome}")
+        return trials
+
+    def _trial(self, proposal: Proposal, parent: TriedModel, *, look: bool, first: bool) -> TriedModel:
+        """Return a model that was fitted, or why it was not; see `fitted`."""
+        model = TriedModel(
+            likelihood=None, key=key_of(proposal.effects), evidence=None, move=proposal.move, parent=parent.key
+        )
+        if look and not first and self._state.out_of_time_for(model.name):
+            model.in_full, model.outcome = False, "not fitted: the search had reached its time limit"
+        elif not (look and self._is_hopeless(model, proposal, parent)):
+            try:
+                self._fit(model, proposal, parent)
+            except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
+                model.outcome = str(error)
+            if model.likelihood is None and not model.outcome:
+                model.outcome = "a strength is zero: it would act the other way"
+        return model
+
+    def _fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> None:
+        """Fit a model and its noise; without a likelihood it has failed."""
+        assert parent.likelihood is not None
+        assert self.tried.prior is not None
+        stage = self._best_fit(model, proposal, parent)
+        if stage is None and model.outcome:
+            return
+        if stage is None:
+            stage = self._likeliest_near_expected(model, proposal, parent)
+        likelihood = parent.likelihood.neighbour(stage, proposal.noise)
+        if proposal.new_noise:  # as rich as that of the model that is extended
+            likelihood = likelihood.with_richer_noise()
+        evidence = log_evidence(likelihood, self.tried.prior)
+        if model.at_likeliest and evidence.total - parent.total > most_believed(proposal.promised):
+            raise RuntimeError(
+                "least squares gives it no strength, and the rise of the evidence is far above what its score "
+                "promises: it comes from another linearisation"
+            )
+        if math.isfinite(evidence.total):
+            likelihood, evidence = self._with_likeliest_shapes(likelihood, evidence)
+            model.likelihood, model.evidence = likelihood, evidence
+            likelihood.free_memory()
+
+    def fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
+        """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""
+        tried = {key for key, m in self.tried.models.items() if m.in_full}
+        new = [(p, 1.0) for p in proposals if key_of(p.effects) not in tried]
+        if new:
+            self.fitted(model, new)
+        fitted = {key_of(p.effects) for p, _ in new}
+        for proposal in proposals:
+            if key_of(proposal.effects) not in fitted:
+                self.fit_from(model, self.tried.models[key_of(proposal.effects)], proposal.effects)
+        return [self.tried.models[key_of(p.effects)] for p in proposals]
+
+    def fit_from(self, model: TriedModel, other: TriedModel, effects: tuple[Effect, ...]) -> bool:
+        """Fit a model that was tried once more, beginning where another stands; tell whether that is better, and kept.
+
+        A fit that ended in a local minimum would make the effect that the other model has beside it look indispensable.
+        """
+        if other.likelihood is None or model.likelihood is None:
+            return False
+        stage = self._best_fit(other, Proposal(move="drop", effects=effects), model)
+        scale = model.stage.identify.scale
+        if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
+            return False
+        likelihood = model.likelihood.neighbour(stage)
+        assert self.tried.prior is not None
+        evidence = log_evidence(likelihood, self.tried.prior)
+        if evidence.total <= other.total:
+            return False
+        self._state.progress(f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values")
+        other.likelihood, other.evidence = likelihood, evidence
+        return True
+
+    def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
+        """Judge models that were fitted, and let them be among those that were tried."""
+        self.tried.share_noise(sorted(trials, key=lambda m: -m.total)[: POLICY.beam], parent, trials)
+        for model in trials:
+            self.tried.share_noise_of_simpler(model)
+            if model.likelihood is not None:
+                judge(model, parent)
+            self.tried.models[model.key] = model
+
+    def _is_hopeless(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> bool:
+        """Tell whether a model is so improbable where its fit begins that no fit of it matters; then it stays there.
+
+        The evidence there is that of the linearised problem at its likeliest parameters.  A fit by simulation moves the
+        linearisation, and the evidence by no more than linear evidence may be off.  Where it lies below that of the
+        model that the search began with by more than its effects cost, it is wrong: their strengths could be zero.  Not
+        asked is a model of which the score says what it promises, and one with a law that is not linear in its strength
+        or that stands for what was taken for random: of these the linearised problem does not tell.
+        """
+        new = [e for e in proposal.effects if str(e) not in parent.key]
+        linear = all(e.definition.linear for e in new) and not proposal.starts
+        if math.isfinite(proposal.promised) or proposal.new_noise or not linear:
+            return False
+        assert parent.likelihood is not None
+        assert self.tried.prior is not None
+        try:
+            there = parent.likelihood.neighbour(
+                self._state.unfitted(model.name, proposal.effects, parent.stage), proposal.noise
+            )
+            evidence = log_evidence(there, self.tried.prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            return False
+        best = max(m.total for m in self.tried.models.values())
+        first = next(iter(self.tried.models.values())).total
+        least = first - POLICY.reach * len(proposal.effects)
+        most = best - POLICY.reach - max(POLICY.reach, POLICY.linear_error * (best - first))
+        if not least <= evidence.total < most:
+            return False
+        model.likelihood, model.evidence, model.in_full = there, evidence, False
+        self._state.progress(f"{model.name}: begins {best - evidence.total:.1f} nats below the best, and is not fitted")
+        there.free_memory()
+        return True
+
+    def _best_fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage | None:
+        """Return the best fit of a model, and note why there is none.
+
+        Calibration of a model without a backlash replaces it by other parameters as well as possible, a softer spring
+        for instance, and from there no small step leads to the backlash.  So what a law that is not linear in its
+        strength may begin with otherwise begins with the parameters as stated.  A fit that ends above the misfit of the
+        parent, which is the same model with strengths of zero, has ended in a minimum of its own, and is none.
+        """
+        best: Stage | None = None
+        scale = parent.stage.identify.scale
+        added = {str(e) for e in parent.stage.effects} <= {str(e) for e in proposal.effects}
+        most = (1.0 + POLICY.relevance) * _misfit(parent.stage, scale) if added else math.inf
+        starts = [(proposal.effects, False), *((effects, True) for effects in proposal.starts)]
+        for effects, from_prior in starts:
+            self._state.progress(f"fit with {model.name}")
+            try:
+                stage = self._state.on_trial(model.name, effects, parent.stage, from_prior=from_prior)
+            except (RuntimeError, ModelError) as error:
+                model.outcome = model.outcome or f"could not be simulated: {error}"
+                continue
+            present = all(any(e.strengths.values()) for e in stage.effects) and _misfit(stage, scale) <= most
+            if present and (best is None or _misfit(stage, scale) < _misfit(best, scale)):
+                best = stage
+        return best
+
+    def _likeliest_near_expected(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage:
+        """Return a model at its likeliest parameters, in the problem linearised at the strengths that are expected.
+
+        Least squares gives an effect that acts against a large random force no strength at all, or the wrong sign.
+
+        Raises
+        ------
+        RuntimeError
+            If the likeliest strength is none either.
+        """
+        assert parent.likelihood is not None
+        expected = self._state.unfitted(model.name, proposal.effects, parent.stage)
+        values = parent.likelihood.neighbour(expected, proposal.noise).likeliest_values()
+        stage = self._state.moved_to(expected, values)
+        if not all(any(e.strengths.values()) for e in stage.effects):
+            raise RuntimeError("a strength is zero: it would act the other way")
+        model.at_likeliest = True
+        return stage
+
+    def _with_likeliest_shapes(
+        self, likelihood: StageLikelihood, evidence: Evidence
+    ) -> tuple[StageLikelihood, Evidence]:
+        """Return a model with the shapes of its laws moved to the largest likelihood, if it is more probable there.
+
+        A strength is integrated out about its likeliest value; a shape, such as the place about which a spring bends,
+        is held where least squares put it, and beside a random force that is not where it is likeliest.  With dry
+        friction it stays: what sticks does not follow from a linearisation elsewhere.  A rise far above what the
+        linearised likelihood promises comes from another linearisation as well.
+        """
+        shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
+        if not shapes or not likelihood.noise.model.processes or places_that_stick(likelihood.linearised):
+            return likelihood, evidence
+        promised = likelihood.promise_of_shapes()
+        if promised <= POLICY.improvement:
+            return likelihood, evidence
+        try:
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True))
+            there = likelihood.neighbour(stage)
+            assert self.tried.prior is not None
+            moved = log_evidence(there, self.tried.prior)
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            return likelihood, evidence
+        rise = moved.total - evidence.total
+        if not 0.0 < rise <= most_believed(promised):
+            return likelihood, evidence
+        self._state.progress(f"{stage.name}: log evidence {rise:+.1f} at the likeliest shapes")
+        return there, moved
+
+
+def most_believed(promised: float) -> float:
+    """Return the rise of the log evidence up to which it is that of the effect, given what the effect's score promises.
+
+    Another linearisation alone changes the evidence: where dry friction sticks by hundreds of nats, beside a spring
+    that bends and a large random force by tens.
+    """
+    return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
+
+
+def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:
+    """Return the sum over the outputs of the mean square error, each in its scale."""
+    return sum((error / scale[name]) ** 2 for name, error in stage.rmse("identify").items())

@@ -1,0 +1,147 @@
+"""The models that a search has tried, and the noise that they share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from discrepancy.evidence import moves
+from discrepancy.evidence.criterion import ModelPrior, log_evidence
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.policy import POLICY
+from multibody.base.memory import give_back
+
+if TYPE_CHECKING:
+    from discrepancy.search.state import SearchState
+    from discrepancy.stages.stage import Stage
+
+__all__ = ["TriedModels", "judge"]
+
+
+@dataclass(eq=False)
+class TriedModels:
+    """Every model that a search has tried.
+
+    Parameters
+    ----------
+    state : SearchState
+        Of the search.
+
+    Attributes
+    ----------
+    models : dict of tuple to TriedModel
+        By the sorted names of their effects.
+    prior : ModelPrior or None
+        What is known of models before the records are seen, once a model was extended.
+    """
+
+    state: SearchState
+    models: dict[tuple[str, ...], TriedModel] = field(default_factory=dict, init=False)
+    prior: ModelPrior | None = field(default=None, init=False)
+
+    @property
+    def start(self) -> TriedModel | None:
+        """The model without effects, if it was tried."""
+        return self.models.get(())
+
+    @property
+    def taken(self) -> TriedModel | None:
+        """The model that is the answer; None before there is one."""
+        return next((m for m in self.models.values() if m.taken), None)
+
+    def ranked(self) -> list[TriedModel]:
+        """Return the models that may be extended or taken, best first."""
+        return sorted((m for m in self.models.values() if m.better), key=lambda m: -m.total)
+
+    def known(self, stage: Stage) -> TriedModel:
+        """Return the model of a stage among those that were tried; it joins them if it is new."""
+        key = key_of(stage.effects)
+        if key not in self.models:
+            self.state.progress("what is random: sensor noise and latent forces")
+            likelihood = StageLikelihood(stage=stage)
+            model = TriedModel(likelihood=likelihood, key=key, evidence=None, outcome="start", better=True)
+            self.models[key] = model
+            self.refresh(model)
+        return self.models[key]
+
+    def refresh(self, model: TriedModel) -> None:
+        """Compute the evidence of a model again: its noise or the prior has changed."""
+        prior = self.prior or ModelPrior(candidates=1, shapes={}, stated={})
+        assert model.likelihood is not None
+        model.evidence = log_evidence(model.likelihood, prior)
+
+    # ---------------------------------------------------------------- noise
+
+    def refine(self, model: TriedModel) -> bool:
+        """Let the noise of a model have further latent processes; tell whether that was not done before."""
+        if model.likelihood is None or model.likelihood.grow:
+            return False
+        self.state.progress(f"what is random beside {model.name}")
+        model.likelihood = model.likelihood.with_richer_noise()
+        self.refresh(model)
+        if model.parent is not None:
+            parent = self.models[model.parent]
+            children = [m for m in self.models.values() if m.parent == parent.key and m.likelihood is not None]
+            if self.share_noise([model], parent, children):
+                for child in children:
+                    if child.matters:
+                        judge(child, parent)
+        model.likelihood.free_memory()
+        give_back()
+        return True
+
+    def share_noise(self, sources: Sequence[TriedModel], parent: TriedModel, children: Sequence[TriedModel]) -> bool:
+        """Fit the noise of a model once more from that of better ones, and if that is likelier, that of its children.
+
+        The likelihood of a noise model has several maxima.  One that was found beside an effect, and would do as well
+        without it, must not count for the effect; nor must one that was found later count against those before it.
+        """
+        better = [m for m in sources if m.total > parent.total and self.with_noise_of(m, parent)]
+        if better:
+            for child in children:
+                self.with_noise_of(parent, child)
+        return bool(better)
+
+    def share_noise_of_simpler(self, model: TriedModel) -> None:
+        """Fit the noise of a model once more, from that of the best with fewer of its effects, if it lies far below.
+
+        Its effects may all be nearly zero, so it is as likely as that but for the price of their names.  One that is
+        made by an exchange or by dropping an effect begins with the random forces found beside what it no longer has,
+        and may lack one that stands for that.
+        """
+        simpler = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(model.key)]
+        best = max(simpler, key=lambda m: m.total, default=model)
+        if best.total > model.total + POLICY.reach:
+            self.with_noise_of(best, model)
+
+    def with_noise_of(self, source: TriedModel, model: TriedModel) -> bool:
+        """Fit the noise of a model once more, from that of another; tell whether it is likelier."""
+        if source.likelihood is None or model.likelihood is None:
+            return False
+        likelier = model.likelihood.with_likelier_noise(source.likelihood.noise.model)
+        if likelier is None:
+            return False
+        before, model.likelihood = model.total, likelier
+        self.refresh(model)
+        self.state.progress(
+            f"{model.name}: log evidence {model.total - before:+.1f} with the random forces found beside {source.name}"
+        )
+        return True
+
+
+def judge(model: TriedModel, parent: TriedModel) -> None:
+    """Note whether a model is better than the one that it was made of."""
+    if not model.in_full:
+        model.better, model.outcome = False, "not fitted: far below the best model where the fit would begin"
+        return
+    gain = model.total - parent.total
+    # laws in the place of a curve are the same force, with fewer parameters
+    more = len(model.stage.effects) > len(parent.stage.effects) and model.move != "name a curve"
+    if gain <= (POLICY.improvement if more else 0.0):
+        model.better, model.outcome = False, "not better"
+    elif more and (why := moves.why_irrelevant(model, parent)):
+        model.refuse(f"better, but {why}")
+    else:
+        model.better, model.outcome = True, "better"
