@@ -41,7 +41,7 @@ MOST_ROWS = 100_000
 FEWEST_ROWS = 10_000
 #: Processor time of a search after which nothing further is tried, in s.  Chosen: with what comes before and after the
 #: search, the answer is there within some minutes.
-TIME_LIMIT = 240.0
+TIME_LIMIT = 180.0
 
 
 class ModelTable(msgspec.Struct, frozen=True):
