@@ -93,27 +93,43 @@ class Trials:
         return model
 
     def _fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> None:
-        """Fit a model and its noise; without a likelihood it has failed."""
-        assert parent.likelihood is not None
-        assert self.tried.prior is not None
+        """Fit a model and its noise; without a likelihood it has failed.
+
+        Least squares gives an effect that acts against a large random force no strength, the wrong sign, or a shape
+        that fits the force.  So where it gives none, or the evidence is far below what the score promised, the model is
+        also asked at its likeliest parameters near the strengths that the score lets expect.
+        """
         stage = self._best_fit(model, proposal, parent)
         if stage is None and model.outcome:
             return
-        if stage is None:
-            stage = self._likeliest_near_expected(model, proposal, parent)
+        fit = self._with_noise(stage, proposal, parent) if stage is not None else None
+        if fit is None or fit[1].total - parent.total < _least_believed(proposal, parent):
+            try:
+                there = self._with_noise(self._likeliest_near_expected(model, proposal, parent), proposal, parent)
+                if there[1].total - parent.total > most_believed(proposal.promised):
+                    raise RuntimeError(
+                        "the evidence rises far above what the score promises: it comes from another linearisation"
+                    )
+                if fit is None or there[1].total > fit[1].total:
+                    rise = f" {there[1].total - fit[1].total:+.1f}" if fit is not None else ""
+                    self._state.progress(f"{model.name}: log evidence{rise} near the strengths that its score promises")
+                    fit, model.at_likeliest = there, True
+            except (RuntimeError, ModelError, np.linalg.LinAlgError):
+                if fit is None:
+                    raise
+        likelihood, evidence = fit
+        if math.isfinite(evidence.total):
+            model.likelihood, model.evidence = self._with_likeliest_shapes(likelihood, evidence)
+            model.likelihood.free_memory()
+
+    def _with_noise(self, stage: Stage, proposal: Proposal, parent: TriedModel) -> tuple[StageLikelihood, Evidence]:
+        """Return a fitted model's likelihood, with its noise fitted from that of its parent, and its evidence."""
+        assert parent.likelihood is not None
+        assert self.tried.prior is not None
         likelihood = parent.likelihood.neighbour(stage, proposal.noise)
         if proposal.new_noise:  # as rich as that of the model that is extended
             likelihood = likelihood.with_richer_noise()
-        evidence = log_evidence(likelihood, self.tried.prior)
-        if model.at_likeliest and evidence.total - parent.total > most_believed(proposal.promised):
-            raise RuntimeError(
-                "least squares gives it no strength, and the rise of the evidence is far above what its score "
-                "promises: it comes from another linearisation"
-            )
-        if math.isfinite(evidence.total):
-            likelihood, evidence = self._with_likeliest_shapes(likelihood, evidence)
-            model.likelihood, model.evidence = likelihood, evidence
-            likelihood.free_memory()
+        return likelihood, log_evidence(likelihood, self.tried.prior)
 
     def fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
         """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""
@@ -217,8 +233,6 @@ class Trials:
     def _likeliest_near_expected(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage:
         """Return a model at its likeliest parameters, in the problem linearised at the strengths that are expected.
 
-        Least squares gives an effect that acts against a large random force no strength at all, or the wrong sign.
-
         Raises
         ------
         RuntimeError
@@ -230,7 +244,6 @@ class Trials:
         stage = self._state.moved_to(expected, values)
         if not all(any(e.strengths.values()) for e in stage.effects):
             raise RuntimeError("a strength is zero: it would act the other way")
-        model.at_likeliest = True
         return stage
 
     def _with_likeliest_shapes(
@@ -270,6 +283,20 @@ def most_believed(promised: float) -> float:
     that bends and a large random force by tens.
     """
     return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
+
+
+def _least_believed(proposal: Proposal, parent: TriedModel) -> float:
+    """Return the rise of the log evidence below which a fit has ended in the wrong place.
+
+    A model that holds all that its parent does lies below it by no more than its effects cost, or above by what their
+    score promises.  One that lacks something of it may lie anywhere.
+    """
+    new = set(key_of(proposal.effects)) - set(parent.key)
+    if not set(parent.key) <= set(key_of(proposal.effects)):
+        return -math.inf
+    if proposal.new_noise or not math.isfinite(proposal.promised):
+        return -POLICY.reach * len(new)
+    return proposal.promised - max(POLICY.reach, POLICY.linear_error * proposal.promised)
 
 
 def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:

@@ -1,0 +1,80 @@
+"""A fit that ends far below what its score promised is also asked near the strengths that the score lets expect."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from discrepancy.effects.effect import Effect
+from discrepancy.evidence.criterion import Evidence, ModelPrior
+from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.proposals import Proposal
+from discrepancy.evidence.trials import Trials
+from discrepancy.evidence.tried_models import TriedModels
+
+DRAG, RUB = (
+    Effect(kind=kind, where="shaft", strengths={name: 1.0})
+    for kind, name in (("quadratic_drag", "drag"), ("coulomb_friction", "coulomb"))
+)
+
+
+def fitted(
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    at_the_fit: float | None,
+    near_expected: float,
+    promised: float = math.inf,
+    parent: tuple[Effect, ...] = (),
+) -> TriedModel:
+    """Fit drag beside nothing of log evidence 0, with such evidence at the fit and near the expected strengths."""
+    state: Any = SimpleNamespace(progress=lambda text: None)
+    tried = TriedModels(state)
+    tried.prior = ModelPrior(candidates=9, shapes={}, stated={})
+
+    def with_noise(self: Trials, stage: float, *given: Any) -> tuple[Any, Evidence]:
+        likelihood = SimpleNamespace(stage=stage, free_memory=lambda: None)
+        return likelihood, Evidence(log_likelihood=stage, log_prior=0.0, log_odds=0.0)
+
+    monkeypatch.setattr(Trials, "_best_fit", lambda *given: at_the_fit)
+    monkeypatch.setattr(Trials, "_likeliest_near_expected", lambda *given: near_expected)
+    monkeypatch.setattr(Trials, "_with_noise", with_noise)
+    monkeypatch.setattr(Trials, "_with_likeliest_shapes", lambda self, likelihood, evidence: (likelihood, evidence))
+    proposal = Proposal(move="add", effects=(DRAG,), promised=promised)
+    before: Any = TriedModel(
+        likelihood=None, key=key_of(parent), evidence=Evidence(log_likelihood=0.0, log_prior=0.0, log_odds=0.0)
+    )
+    return Trials(tried)._trial(proposal, before, look=False, first=True)
+
+
+@pytest.mark.parametrize(
+    ("at_the_fit", "promised", "total"),
+    [
+        (-POLICY.reach - 1.0, math.inf, 9.0),  # no effect costs so much
+        (-POLICY.reach + 1.0, math.inf, 1.0 - POLICY.reach),
+        (7.0, 20.0, 9.0),  # of twenty nats
+        (9.0, 20.0, 9.0),
+        (60.0, 100.0, 60.0),  # there it is worse still
+        (None, 5.0, 9.0),
+    ],
+)
+def test_the_likelier_place_is_taken_where_the_fit_is_far_below(monkeypatch, at_the_fit, promised, total):
+    model = fitted(monkeypatch, at_the_fit=at_the_fit, near_expected=9.0, promised=promised)
+    assert model.total == total
+    assert model.at_likeliest is (total == 9.0 and at_the_fit != 9.0)
+
+
+def test_what_lacks_an_effect_of_its_parent_may_lie_anywhere(monkeypatch):
+    model = fitted(monkeypatch, at_the_fit=-500.0, near_expected=9.0, parent=(RUB,))
+    assert model.total == -500.0
+
+
+def test_a_rise_above_what_the_score_promises_is_not_believed(monkeypatch):
+    model = fitted(monkeypatch, at_the_fit=None, near_expected=500.0, promised=5.0)
+    assert model.likelihood is None
+    assert "another linearisation" in model.outcome
+    kept = fitted(monkeypatch, at_the_fit=-20.0, near_expected=500.0, promised=5.0)
+    assert kept.total == -20.0
