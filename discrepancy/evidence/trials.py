@@ -96,27 +96,25 @@ class Trials:
         """Fit a model and its noise; without a likelihood it has failed.
 
         Least squares gives an effect that acts against a large random force no strength, the wrong sign, or a shape
-        that fits the force.  So where it gives none, or the evidence is far below what the score promised, the model is
-        also asked at its likeliest parameters near the strengths that the score lets expect.
+        that fits the force.  So where it gives none, or the evidence is far below what it can be, the model is also
+        asked at its likeliest parameters near those of a simpler model and the strengths that are expected beside it.
         """
         stage = self._best_fit(model, proposal, parent)
         if stage is None and model.outcome:
             return
+        simpler = parent if set(parent.key) < set(model.key) else self.tried.best_within(model.key) or parent
         fit = self._with_noise(stage, proposal, parent) if stage is not None else None
-        if fit is None or fit[1].total - parent.total < _least_believed(proposal, parent):
+        if fit is None or fit[1].total < _least_believed(proposal, parent, simpler):
             try:
-                there = self._with_noise(self._likeliest_near_expected(model, proposal, parent), proposal, parent)
-                if there[1].total - parent.total > most_believed(proposal.promised):
-                    raise RuntimeError(
-                        "the evidence rises far above what the score promises: it comes from another linearisation"
-                    )
-                if fit is None or there[1].total > fit[1].total:
-                    rise = f" {there[1].total - fit[1].total:+.1f}" if fit is not None else ""
-                    self._state.progress(f"{model.name}: log evidence{rise} near the strengths that its score promises")
-                    fit, model.at_likeliest = there, True
+                there = self._near_expected(proposal, parent, simpler)
             except (RuntimeError, ModelError, np.linalg.LinAlgError):
                 if fit is None:
                     raise
+            else:
+                if fit is None or there[1].total > fit[1].total:
+                    rise = f" {there[1].total - fit[1].total:+.1f}" if fit is not None else ""
+                    self._state.progress(f"{model.name}: log evidence{rise} near the strengths that are expected")
+                    fit, model.at_likeliest = there, True
         likelihood, evidence = fit
         if math.isfinite(evidence.total):
             model.likelihood, model.evidence = self._with_likeliest_shapes(likelihood, evidence)
@@ -230,21 +228,29 @@ class Trials:
                 best = stage
         return best
 
-    def _likeliest_near_expected(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage:
+    def _near_expected(
+        self, proposal: Proposal, parent: TriedModel, simpler: TriedModel
+    ) -> tuple[StageLikelihood, Evidence]:
         """Return a model at its likeliest parameters, in the problem linearised at the strengths that are expected.
 
         Raises
         ------
         RuntimeError
-            If the likeliest strength is none either.
+            If the likeliest strength is none, or the rise of the evidence is that of another linearisation.
         """
-        assert parent.likelihood is not None
-        expected = self._state.unfitted(model.name, proposal.effects, parent.stage)
-        values = parent.likelihood.neighbour(expected, proposal.noise).likeliest_values()
+        assert simpler.likelihood is not None
+        name = " + ".join(key_of(proposal.effects))
+        expected = self._state.unfitted(name, proposal.effects, simpler.stage)
+        values = simpler.likelihood.neighbour(expected, proposal.noise).likeliest_values()
         stage = self._state.moved_to(expected, values)
         if not all(any(e.strengths.values()) for e in stage.effects):
             raise RuntimeError("a strength is zero: it would act the other way")
-        return stage
+        likelihood, evidence = self._with_noise(stage, proposal, simpler)
+        if simpler is parent and evidence.total - parent.total > most_believed(proposal.promised):
+            raise RuntimeError(
+                "the evidence rises far above what the score promises: it comes from another linearisation"
+            )
+        return likelihood, evidence
 
     def _with_likeliest_shapes(
         self, likelihood: StageLikelihood, evidence: Evidence
@@ -285,18 +291,18 @@ def most_believed(promised: float) -> float:
     return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
 
 
-def _least_believed(proposal: Proposal, parent: TriedModel) -> float:
-    """Return the rise of the log evidence below which a fit has ended in the wrong place.
+def _least_believed(proposal: Proposal, parent: TriedModel, simpler: TriedModel) -> float:
+    """Return the log evidence below which a fit has ended in the wrong place.
 
-    A model that holds all that its parent does lies below it by no more than its effects cost, or above by what their
-    score promises.  One that lacks something of it may lie anywhere.
+    With all that a simpler model has and more, a model lies below it by no more than the further effects cost; above
+    its parent it lies by what the score of an effect promises.
     """
-    new = set(key_of(proposal.effects)) - set(parent.key)
-    if not set(parent.key) <= set(key_of(proposal.effects)):
+    more = set(key_of(proposal.effects)) - set(simpler.key)
+    if not set(simpler.key) < set(key_of(proposal.effects)):
         return -math.inf
-    if proposal.new_noise or not math.isfinite(proposal.promised):
-        return -POLICY.reach * len(new)
-    return proposal.promised - max(POLICY.reach, POLICY.linear_error * proposal.promised)
+    if simpler is not parent or proposal.new_noise or not math.isfinite(proposal.promised):
+        return simpler.total - POLICY.reach * len(more)
+    return parent.total + proposal.promised - max(POLICY.reach, POLICY.linear_error * proposal.promised)
 
 
 def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:

@@ -72,6 +72,11 @@ class TriedModels:
         assert model.likelihood is not None
         model.evidence = log_evidence(model.likelihood, prior)
 
+    def best_within(self, key: tuple[str, ...]) -> TriedModel | None:
+        """Return the best model that has only some of these effects; None where none was tried."""
+        within = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(key)]
+        return max(within, key=lambda m: m.total, default=None)
+
     # ---------------------------------------------------------------- noise
 
     def refine(self, model: TriedModel) -> bool:
@@ -111,9 +116,8 @@ class TriedModels:
         made by an exchange or by dropping an effect begins with the random forces found beside what it no longer has,
         and may lack one that stands for that.
         """
-        simpler = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(model.key)]
-        best = max(simpler, key=lambda m: m.total, default=model)
-        if best.total > model.total + POLICY.reach:
+        best = self.best_within(model.key)
+        if best is not None and best.total > model.total + POLICY.reach:
             self.with_noise_of(best, model)
 
     def with_noise_of(self, source: TriedModel, model: TriedModel) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,6 +23,19 @@ DRAG, RUB = (
 )
 
 
+def place(evidence: float) -> Any:
+    """A stage with so much log evidence."""
+    return SimpleNamespace(effects=(DRAG,), evidence=evidence)
+
+
+def tried_model(effects: tuple[Effect, ...], total: float = 0.0) -> TriedModel:
+    likelihood: Any = SimpleNamespace(
+        stage=None, neighbour=lambda stage, noise: SimpleNamespace(likeliest_values=dict), free_memory=lambda: None
+    )
+    evidence = Evidence(log_likelihood=total, log_prior=0.0, log_odds=0.0)
+    return TriedModel(likelihood=likelihood, key=key_of(effects), evidence=evidence)
+
+
 def fitted(
     monkeypatch: pytest.MonkeyPatch,
     *,
@@ -29,25 +43,24 @@ def fitted(
     near_expected: float,
     promised: float = math.inf,
     parent: tuple[Effect, ...] = (),
+    others: Sequence[TriedModel] = (),
 ) -> TriedModel:
-    """Fit drag beside nothing of log evidence 0, with such evidence at the fit and near the expected strengths."""
-    state: Any = SimpleNamespace(progress=lambda text: None)
+    """Fit drag beside a parent of log evidence 0, with such evidence at the fit and near the expected strengths."""
+    state: Any = SimpleNamespace(
+        progress=lambda text: None, unfitted=lambda *given: None, moved_to=lambda *given: place(near_expected)
+    )
     tried = TriedModels(state)
     tried.prior = ModelPrior(candidates=9, shapes={}, stated={})
+    tried.models = {m.key: m for m in others}
 
-    def with_noise(self: Trials, stage: float, *given: Any) -> tuple[Any, Evidence]:
-        likelihood = SimpleNamespace(stage=stage, free_memory=lambda: None)
-        return likelihood, Evidence(log_likelihood=stage, log_prior=0.0, log_odds=0.0)
+    def with_noise(self: Trials, stage: Any, *given: Any) -> tuple[Any, Evidence]:
+        return tried_model((DRAG,)).likelihood, Evidence(log_likelihood=stage.evidence, log_prior=0.0, log_odds=0.0)
 
-    monkeypatch.setattr(Trials, "_best_fit", lambda *given: at_the_fit)
-    monkeypatch.setattr(Trials, "_likeliest_near_expected", lambda *given: near_expected)
+    monkeypatch.setattr(Trials, "_best_fit", lambda *given: None if at_the_fit is None else place(at_the_fit))
     monkeypatch.setattr(Trials, "_with_noise", with_noise)
     monkeypatch.setattr(Trials, "_with_likeliest_shapes", lambda self, likelihood, evidence: (likelihood, evidence))
     proposal = Proposal(move="add", effects=(DRAG,), promised=promised)
-    before: Any = TriedModel(
-        likelihood=None, key=key_of(parent), evidence=Evidence(log_likelihood=0.0, log_prior=0.0, log_odds=0.0)
-    )
-    return Trials(tried)._trial(proposal, before, look=False, first=True)
+    return Trials(tried)._trial(proposal, tried_model(parent), look=False, first=True)
 
 
 @pytest.mark.parametrize(
@@ -67,9 +80,11 @@ def test_the_likelier_place_is_taken_where_the_fit_is_far_below(monkeypatch, at_
     assert model.at_likeliest is (total == 9.0 and at_the_fit != 9.0)
 
 
-def test_what_lacks_an_effect_of_its_parent_may_lie_anywhere(monkeypatch):
-    model = fitted(monkeypatch, at_the_fit=-500.0, near_expected=9.0, parent=(RUB,))
-    assert model.total == -500.0
+def test_what_lacks_an_effect_of_its_parent_is_compared_with_what_it_holds(monkeypatch):
+    fit = {"at_the_fit": -50.0, "near_expected": 9.0, "parent": (RUB,)}
+    assert fitted(monkeypatch, **fit).total == -50.0, "it may lie anywhere below its parent"
+    assert fitted(monkeypatch, **fit, others=[tried_model((), -45.0)]).total == -50.0
+    assert fitted(monkeypatch, **fit, others=[tried_model((), -30.0)]).total == 9.0
 
 
 def test_a_rise_above_what_the_score_promises_is_not_believed(monkeypatch):
