@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.evidence.criterion import Evidence, log_evidence
+from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
@@ -116,6 +116,9 @@ class Trials:
                     self._state.progress(f"{model.name}: log evidence{rise} near the strengths that are expected")
                     fit, model.at_likeliest = there, True
         likelihood, evidence = fit
+        likelier = self.tried.at_likelier_parameters(likelihood, evidence)
+        if likelier is not None:
+            (likelihood, evidence), model.at_likeliest = likelier, True
         if math.isfinite(evidence.total):
             model.likelihood, model.evidence = self._with_likeliest_shapes(likelihood, evidence)
             model.likelihood.free_memory()
@@ -123,11 +126,10 @@ class Trials:
     def _with_noise(self, stage: Stage, proposal: Proposal, parent: TriedModel) -> tuple[StageLikelihood, Evidence]:
         """Return a fitted model's likelihood, with its noise fitted from that of its parent, and its evidence."""
         assert parent.likelihood is not None
-        assert self.tried.prior is not None
         likelihood = parent.likelihood.neighbour(stage, proposal.noise)
         if proposal.new_noise:  # as rich as that of the model that is extended
             likelihood = likelihood.with_richer_noise()
-        return likelihood, log_evidence(likelihood, self.tried.prior)
+        return likelihood, self.tried.evidence_of(likelihood)
 
     def fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
         """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""
@@ -153,12 +155,13 @@ class Trials:
         if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
             return False
         likelihood = model.likelihood.neighbour(stage)
-        assert self.tried.prior is not None
-        evidence = log_evidence(likelihood, self.tried.prior)
+        fit = likelihood, self.tried.evidence_of(likelihood)
+        likelier = self.tried.at_likelier_parameters(*fit)
+        likelihood, evidence = likelier or fit
         if evidence.total <= other.total:
             return False
         self._state.progress(f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values")
-        other.likelihood, other.evidence = likelihood, evidence
+        other.likelihood, other.evidence, other.at_likeliest = likelihood, evidence, likelier is not None
         return True
 
     def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
@@ -184,12 +187,11 @@ class Trials:
         if math.isfinite(proposal.promised) or proposal.new_noise or not linear:
             return False
         assert parent.likelihood is not None
-        assert self.tried.prior is not None
         try:
             there = parent.likelihood.neighbour(
                 self._state.unfitted(model.name, proposal.effects, parent.stage), proposal.noise
             )
-            evidence = log_evidence(there, self.tried.prior)
+            evidence = self.tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             return False
         best = max(m.total for m in self.tried.models.values())
@@ -271,8 +273,7 @@ class Trials:
         try:
             stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True))
             there = likelihood.neighbour(stage)
-            assert self.tried.prior is not None
-            moved = log_evidence(there, self.tried.prior)
+            moved = self.tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             return likelihood, evidence
         rise = moved.total - evidence.total

@@ -1,4 +1,4 @@
-"""The models that a search has tried, and the noise that they share."""
+"""The models that a search has tried, the parameters at which they stand, and the noise that they share."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from discrepancy.evidence import moves
-from discrepancy.evidence.criterion import ModelPrior, log_evidence
+from discrepancy.evidence.criterion import Evidence, ModelPrior, log_evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.standstill import places_that_stick
+from multibody.base.errors import ModelError
 from multibody.base.memory import give_back
 
 if TYPE_CHECKING:
@@ -35,11 +39,14 @@ class TriedModels:
         By the sorted names of their effects.
     prior : ModelPrior or None
         What is known of models before the records are seen, once a model was extended.
+    wanders : bool or None
+        Whether evidence depends on where a model is linearised; None until that was asked.
     """
 
     state: SearchState
     models: dict[tuple[str, ...], TriedModel] = field(default_factory=dict, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
+    wanders: bool | None = field(default=None, init=False)
 
     @property
     def start(self) -> TriedModel | None:
@@ -68,14 +75,53 @@ class TriedModels:
 
     def refresh(self, model: TriedModel) -> None:
         """Compute the evidence of a model again: its noise or the prior has changed."""
-        prior = self.prior or ModelPrior(candidates=1, shapes={}, stated={})
         assert model.likelihood is not None
-        model.evidence = log_evidence(model.likelihood, prior)
+        model.evidence = self.evidence_of(model.likelihood)
+
+    def evidence_of(self, likelihood: StageLikelihood) -> Evidence:
+        """Return the evidence of a model."""
+        return log_evidence(likelihood, self.prior or ModelPrior(candidates=1, shapes={}, stated={}))
 
     def best_within(self, key: tuple[str, ...]) -> TriedModel | None:
         """Return the best model that has only some of these effects; None where none was tried."""
         within = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(key)]
         return max(within, key=lambda m: m.total, default=None)
+
+    # ---------------------------------------------------------------- parameters
+
+    def at_likelier_parameters(
+        self, likelihood: StageLikelihood, evidence: Evidence
+    ) -> tuple[StageLikelihood, Evidence] | None:
+        """Return a model at its likeliest parameters, if it is clearly more probable there.
+
+        The evidence of a model is that at its largest likelihood, and least squares puts it elsewhere.  A linear
+        problem has the same evidence everywhere, and nearly linear ones have; where dry friction sticks it may differ
+        by hundreds of nats.  The first model shows whether that matters for this machine.
+        """
+        sticks = likelihood.noise.model.processes and places_that_stick(likelihood.linearised)
+        if self.wanders is False or not sticks:
+            return None
+        best: tuple[StageLikelihood, Evidence] | None = None
+        for _ in range(POLICY.likeliest_steps):
+            try:
+                there = likelihood.neighbour(self.state.moved_to(likelihood.stage, likelihood.likeliest_values()))
+                moved = self.evidence_of(there)
+            except (RuntimeError, ModelError, np.linalg.LinAlgError):
+                break
+            if self.wanders is None:
+                self.wanders = abs(moved.total - evidence.total) > POLICY.improvement
+            if not moved.total > evidence.total + POLICY.improvement:
+                break
+            best = likelihood, evidence = there, moved
+        return best
+
+    def _move_to_likelier(self, model: TriedModel) -> None:
+        assert model.likelihood is not None
+        assert model.evidence is not None
+        if (there := self.at_likelier_parameters(model.likelihood, model.evidence)) is not None:
+            rise = there[1].total - model.total
+            self.state.progress(f"{model.name}: log evidence {rise:+.1f} at the likeliest parameters")
+            model.likelihood, model.evidence, model.at_likeliest = *there, True
 
     # ---------------------------------------------------------------- noise
 
@@ -86,6 +132,7 @@ class TriedModels:
         self.state.progress(f"what is random beside {model.name}")
         model.likelihood = model.likelihood.with_richer_noise()
         self.refresh(model)
+        self._move_to_likelier(model)
         if model.parent is not None:
             parent = self.models[model.parent]
             children = [m for m in self.models.values() if m.parent == parent.key and m.likelihood is not None]

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from discrepancy.effects.effect import Effect
-from discrepancy.evidence import trials as module
 from discrepancy.evidence.criterion import Evidence, ModelPrior
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
@@ -36,7 +35,7 @@ def left_unfitted(
     there = SimpleNamespace(free_memory=lambda: None)
     likelihood = SimpleNamespace(stage=None, neighbour=lambda stage, noise: there)
     state: Any = SimpleNamespace(unfitted=lambda *given: None, progress=lambda text: None)
-    monkeypatch.setattr(module, "log_evidence", lambda likelihood, prior: evidence(total))
+    monkeypatch.setattr(TriedModels, "evidence_of", lambda self, likelihood: evidence(total))
     tried = TriedModels(state)
     tried.prior = ModelPrior(candidates=9, shapes={}, stated={})
     nothing = TriedModel(likelihood=likelihood, key=(), evidence=evidence(0.0))  # type: ignore[arg-type]
