@@ -42,8 +42,8 @@ class Policy:
         models are as good as each other.  The prior odds are part of the evidence, so zero would do were the evidence
         exact; the Laplace approximation is not, by about one nat for each of the few parameters that an effect has.
     likeliest_steps : int
-        Steps to the likeliest parameters, each linearised anew, at most: where dry friction sticks, the evidence
-        wanders after the first ones.
+        Steps to the likeliest parameters, each linearised anew: where dry friction sticks, the evidence wanders after
+        the first, and how much is seen from two more.
     relevance : float
         Share of a mean square error, a hundredth of the error itself, from which a change of it counts: nobody would
         see less in a figure.  An effect that changes so much of an output must lower it on the records left out.
@@ -78,7 +78,7 @@ class Policy:
     effect_cost: float = 3.0
     pair_advantage: float = 5.0
     improvement: float = 3.0
-    likeliest_steps: int = 2
+    likeliest_steps: int = 3
     relevance: float = RELEVANT_SHARE
     unnamed_relevance: float = 0.05
     harm: float = HARMFUL_SHARE

@@ -170,7 +170,7 @@ class Trials:
         for model in trials:
             self.tried.share_noise_of_simpler(model)
             if model.likelihood is not None:
-                judge(model, parent)
+                judge(model, parent, self.tried.wander)
             self.tried.models[model.key] = model
 
     def _is_hopeless(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> bool:

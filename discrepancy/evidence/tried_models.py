@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -39,14 +39,15 @@ class TriedModels:
         By the sorted names of their effects.
     prior : ModelPrior or None
         What is known of models before the records are seen, once a model was extended.
-    wanders : bool or None
-        Whether evidence depends on where a model is linearised; None until that was asked.
+    wander : float
+        Nats by which the evidence of the first model changes with where it is linearised; zero where that is no more
+        than evidence may be off in any case.
     """
 
     state: SearchState
     models: dict[tuple[str, ...], TriedModel] = field(default_factory=dict, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
-    wanders: bool | None = field(default=None, init=False)
+    wander: float = field(default=0.0, init=False)
 
     @property
     def start(self) -> TriedModel | None:
@@ -71,6 +72,7 @@ class TriedModels:
             model = TriedModel(likelihood=likelihood, key=key, evidence=None, outcome="start", better=True)
             self.models[key] = model
             self.refresh(model)
+            self._measure_wander(model)
         return self.models[key]
 
     def refresh(self, model: TriedModel) -> None:
@@ -89,39 +91,53 @@ class TriedModels:
 
     # ---------------------------------------------------------------- parameters
 
-    def at_likelier_parameters(
-        self, likelihood: StageLikelihood, evidence: Evidence
-    ) -> tuple[StageLikelihood, Evidence] | None:
-        """Return a model at its likeliest parameters, if it is clearly more probable there.
+    def _measure_wander(self, model: TriedModel) -> None:
+        """Measure how much the evidence of the first model changes with its linearisation; move it to the best place.
 
         The evidence of a model is that at its largest likelihood, and least squares puts it elsewhere.  A linear
         problem has the same evidence everywhere, and nearly linear ones have; where dry friction sticks it may differ
-        by hundreds of nats.  The first model shows whether that matters for this machine.
+        by hundreds of nats, from step to step as well.
         """
-        sticks = likelihood.noise.model.processes and places_that_stick(likelihood.linearised)
-        if self.wanders is False or not sticks:
-            return None
+        assert model.likelihood is not None
+        if not model.likelihood.noise.model.processes or not places_that_stick(model.likelihood.linearised):
+            return
+        last, changes = model.total, []
+        for likelihood, evidence in self._steps_to_likeliest(model.likelihood):
+            changes.append(abs(evidence.total - last))
+            if changes[0] <= POLICY.improvement:
+                return
+            last = evidence.total
+            if last > model.total:
+                model.likelihood, model.evidence, model.at_likeliest = likelihood, evidence, True
+        self.wander = max(changes[1:], default=0.0)
+        if changes:
+            self.state.progress(
+                f"{model.name}: another linearisation changes the log evidence by {changes[0]:.1f}, then by up to "
+                f"{self.wander:.1f}"
+            )
+
+    def at_likelier_parameters(
+        self, likelihood: StageLikelihood, evidence: Evidence
+    ) -> tuple[StageLikelihood, Evidence] | None:
+        """Return a model at its likeliest parameters, if evidence wanders and it is clearly more probable there."""
         best: tuple[StageLikelihood, Evidence] | None = None
-        for _ in range(POLICY.likeliest_steps):
-            try:
-                there = likelihood.neighbour(self.state.moved_to(likelihood.stage, likelihood.likeliest_values()))
-                moved = self.evidence_of(there)
-            except (RuntimeError, ModelError, np.linalg.LinAlgError):
-                break
-            if self.wanders is None:
-                self.wanders = abs(moved.total - evidence.total) > POLICY.improvement
-            if not moved.total > evidence.total + POLICY.improvement:
-                break
-            best = likelihood, evidence = there, moved
+        if self.wander > 0.0:
+            for there, moved in self._steps_to_likeliest(likelihood):
+                if not moved.total > evidence.total + POLICY.improvement:
+                    break
+                best, evidence = (there, moved), moved
         return best
 
-    def _move_to_likelier(self, model: TriedModel) -> None:
-        assert model.likelihood is not None
-        assert model.evidence is not None
-        if (there := self.at_likelier_parameters(model.likelihood, model.evidence)) is not None:
-            rise = there[1].total - model.total
-            self.state.progress(f"{model.name}: log evidence {rise:+.1f} at the likeliest parameters")
-            model.likelihood, model.evidence, model.at_likeliest = *there, True
+    def _steps_to_likeliest(self, likelihood: StageLikelihood) -> Iterator[tuple[StageLikelihood, Evidence]]:
+        """Move a model to its likeliest parameters, some times, and linearise it there each time."""
+        for _ in range(POLICY.likeliest_steps):
+            try:
+                stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values())
+                likelihood = likelihood.neighbour(stage)
+                evidence = self.evidence_of(likelihood)
+            except (RuntimeError, ModelError, np.linalg.LinAlgError):
+                return
+            yield likelihood, evidence
 
     # ---------------------------------------------------------------- noise
 
@@ -132,14 +148,16 @@ class TriedModels:
         self.state.progress(f"what is random beside {model.name}")
         model.likelihood = model.likelihood.with_richer_noise()
         self.refresh(model)
-        self._move_to_likelier(model)
+        assert model.evidence is not None
+        if (there := self.at_likelier_parameters(model.likelihood, model.evidence)) is not None:
+            model.likelihood, model.evidence, model.at_likeliest = *there, True
         if model.parent is not None:
             parent = self.models[model.parent]
             children = [m for m in self.models.values() if m.parent == parent.key and m.likelihood is not None]
             if self.share_noise([model], parent, children):
                 for child in children:
                     if child.matters:
-                        judge(child, parent)
+                        judge(child, parent, self.wander)
         model.likelihood.free_memory()
         give_back()
         return True
@@ -182,8 +200,15 @@ class TriedModels:
         return True
 
 
-def judge(model: TriedModel, parent: TriedModel) -> None:
-    """Note whether a model is better than the one that it was made of."""
+def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
+    """Note whether a model is better than the one that it was made of.
+
+    Parameters
+    ----------
+    model, parent : TriedModel
+    wander : float
+        Nats by which evidence changes with the linearisation: an effect must raise it by more.
+    """
     if not model.in_full:
         model.better, model.outcome = False, "not fitted: far below the best model where the fit would begin"
         return
@@ -192,6 +217,8 @@ def judge(model: TriedModel, parent: TriedModel) -> None:
     more = len(model.stage.effects) > len(parent.stage.effects) and model.move != "name a curve"
     if gain <= (POLICY.improvement if more else 0.0):
         model.better, model.outcome = False, "not better"
+    elif more and gain <= wander:
+        model.better, model.outcome = False, f"better by less than another linearisation changes ({wander:.1f} nats)"
     elif more and (why := moves.why_irrelevant(model, parent)):
         model.refuse(f"better, but {why}")
     else:

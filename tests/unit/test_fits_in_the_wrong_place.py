@@ -52,7 +52,6 @@ def fitted(
     tried = TriedModels(state)
     tried.prior = ModelPrior(candidates=9, shapes={}, stated={})
     tried.models = {m.key: m for m in others}
-    tried.wanders = False
 
     def with_noise(self: Trials, stage: Any, *given: Any) -> tuple[Any, Evidence]:
         return tried_model((DRAG,)).likelihood, Evidence(log_likelihood=stage.evidence, log_prior=0.0, log_odds=0.0)
