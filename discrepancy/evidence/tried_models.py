@@ -40,8 +40,8 @@ class TriedModels:
     prior : ModelPrior or None
         What is known of models before the records are seen, once a model was extended.
     wander : float
-        Nats by which the evidence of the first model changes with where it is linearised; zero where that is no more
-        than evidence may be off in any case.
+        Nats by which the evidence of the first model changes with where it is linearised; zero where least squares is
+        as good a place as any.
     """
 
     state: SearchState
@@ -109,11 +109,13 @@ class TriedModels:
             last = evidence.total
             if last > model.total:
                 model.likelihood, model.evidence, model.at_likeliest = likelihood, evidence, True
-        self.wander = max(changes[1:], default=0.0)
+        later = max(changes[1:], default=0.0)
+        if model.at_likeliest or later > POLICY.improvement:
+            self.wander = later
         if changes:
             self.state.progress(
                 f"{model.name}: another linearisation changes the log evidence by {changes[0]:.1f}, then by up to "
-                f"{self.wander:.1f}"
+                f"{later:.1f}"
             )
 
     def at_likelier_parameters(

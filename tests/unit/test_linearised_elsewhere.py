@@ -46,7 +46,8 @@ def test_the_first_model_stands_where_it_is_most_probable(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("totals", "sticks"), [((0.9 * POLICY.improvement, 30.0), True), ((25.0, 18.0), False), ((), True)]
+    ("totals", "sticks"),
+    [((0.9 * POLICY.improvement, 30.0), True), ((25.0, 18.0), False), ((), True), ((-7.0, -6.4, -6.6), True)],
 )
 def test_a_model_that_is_nearly_linear_stays_where_it_was_fitted(monkeypatch, totals, sticks):
     models, first = walked(monkeypatch, *totals, sticks=sticks)
