@@ -40,14 +40,16 @@ class TriedModels:
     prior : ModelPrior or None
         What is known of models before the records are seen, once a model was extended.
     wander : float
-        Nats by which the evidence of the first model changes with where it is linearised; zero where least squares is
-        as good a place as any.
+        Nats by which the evidence of the first model changes with where it is linearised.
+    moves : bool
+        Whether models are moved to their likeliest parameters; not where least squares is as good a place as any.
     """
 
     state: SearchState
     models: dict[tuple[str, ...], TriedModel] = field(default_factory=dict, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
     wander: float = field(default=0.0, init=False)
+    moves: bool = field(default=False, init=False)
 
     @property
     def start(self) -> TriedModel | None:
@@ -109,21 +111,20 @@ class TriedModels:
             last = evidence.total
             if last > model.total:
                 model.likelihood, model.evidence, model.at_likeliest = likelihood, evidence, True
-        later = max(changes[1:], default=0.0)
-        if model.at_likeliest or later > POLICY.improvement:
-            self.wander = later
+        self.wander = max(changes[1:], default=0.0)
+        self.moves = model.at_likeliest or self.wander > POLICY.improvement
         if changes:
             self.state.progress(
                 f"{model.name}: another linearisation changes the log evidence by {changes[0]:.1f}, then by up to "
-                f"{later:.1f}"
+                f"{self.wander:.1f}"
             )
 
     def at_likelier_parameters(
         self, likelihood: StageLikelihood, evidence: Evidence
     ) -> tuple[StageLikelihood, Evidence] | None:
-        """Return a model at its likeliest parameters, if evidence wanders and it is clearly more probable there."""
+        """Return a model at its likeliest parameters, if models are moved there and it is clearly more probable."""
         best: tuple[StageLikelihood, Evidence] | None = None
-        if self.wander > 0.0:
+        if self.moves:
             for there, moved in self._steps_to_likeliest(likelihood):
                 if not moved.total > evidence.total + POLICY.improvement:
                     break
