@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from discrepancy.evidence import moves
-from discrepancy.evidence.criterion import log_evidence
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import PredictiveGain, held_out_gain, predictive_gain
@@ -155,13 +154,13 @@ class Announcement:
         that of the linearised problem.  Where it is right the log evidence stays, but for what another linearisation
         makes of it, which is some nats where dry friction sticks.
         """
-        likelihood, prior = model.likelihood, self._tried.prior
-        if likelihood is None or prior is None or model.at_likeliest:
+        likelihood = model.likelihood
+        if likelihood is None or model.at_likeliest:
             return
         try:
             stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values())
             there = likelihood.neighbour(stage)
-            evidence = log_evidence(there, prior)
+            evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
             self._state.progress(f"{model.name} stays at the parameters of least squares: {error}")
             return

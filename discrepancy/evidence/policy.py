@@ -19,7 +19,8 @@ class Policy:
         Models that may be extended or taken at a time.
     reach : float
         Nats below the best model up to which the noise of another is made as rich as that of the best, and up to which
-        two log evidences of one model may differ by where it is linearised.
+        two log evidences of one model may differ by where it is linearised.  No effect costs more, so a model that lies
+        further below a simpler one was fitted in the wrong place.
     expansions : int
         Models that are extended, at most: bounds the time of a search.
     refits : int
@@ -88,6 +89,16 @@ class Policy:
     set_share: float = 0.95
     listed: float = 0.01
     tie: float = 0.05
+
+    def error_of_gain(self, gain: float) -> float:
+        """Return by how many nats a gain of the linear evidence may be off.
+
+        Examples
+        --------
+        >>> POLICY.error_of_gain(10.0), POLICY.error_of_gain(100.0)
+        (12.0, 30.0)
+        """
+        return max(self.reach, self.linear_error * gain)
 
 
 POLICY = Policy()

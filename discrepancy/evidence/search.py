@@ -211,7 +211,7 @@ class EvidenceSearch:
             source = asked[0].proposals
             assert source is not None
             own = source.named(str(effect))
-            least = own.gain - max(POLICY.reach, POLICY.linear_error * own.gain) if own is not None else 0.0
+            least = own.gain - POLICY.error_of_gain(own.gain) if own is not None else 0.0
             names = [c for c in source.candidates if c.gain > max(least, 0.0) and c is not own]
             rivals[str(effect)] = [proposed_effects(c, rest) for c in names[: POLICY.rivals]]
         return rivals

@@ -197,7 +197,7 @@ class Trials:
         best = max(m.total for m in self.tried.models.values())
         first = next(iter(self.tried.models.values())).total
         least = first - POLICY.reach * len(proposal.effects)
-        most = best - POLICY.reach - max(POLICY.reach, POLICY.linear_error * (best - first))
+        most = best - POLICY.reach - POLICY.error_of_gain(best - first)
         if not least <= evidence.total < most:
             return False
         model.likelihood, model.evidence, model.in_full = there, evidence, False
@@ -289,7 +289,7 @@ def most_believed(promised: float) -> float:
     Another linearisation alone changes the evidence: where dry friction sticks by hundreds of nats, beside a spring
     that bends and a large random force by tens.
     """
-    return max(promised, 0.0) + max(POLICY.reach, POLICY.linear_error * promised)
+    return max(promised, 0.0) + POLICY.error_of_gain(promised)
 
 
 def _least_believed(proposal: Proposal, parent: TriedModel, simpler: TriedModel) -> float:
@@ -303,7 +303,7 @@ def _least_believed(proposal: Proposal, parent: TriedModel, simpler: TriedModel)
         return -math.inf
     if simpler is not parent or proposal.new_noise or not math.isfinite(proposal.promised):
         return simpler.total - POLICY.reach * len(more)
-    return parent.total + proposal.promised - max(POLICY.reach, POLICY.linear_error * proposal.promised)
+    return parent.total + proposal.promised - POLICY.error_of_gain(proposal.promised)
 
 
 def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:

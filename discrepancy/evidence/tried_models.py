@@ -41,7 +41,7 @@ class TriedModels:
         What is known of models before the records are seen, once a model was extended.
     wander : float
         Nats by which the evidence of the first model changes with where it is linearised.
-    moves : bool
+    moved : bool
         Whether models are moved to their likeliest parameters; not where least squares is as good a place as any.
     """
 
@@ -49,7 +49,7 @@ class TriedModels:
     models: dict[tuple[str, ...], TriedModel] = field(default_factory=dict, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
     wander: float = field(default=0.0, init=False)
-    moves: bool = field(default=False, init=False)
+    moved: bool = field(default=False, init=False)
 
     @property
     def start(self) -> TriedModel | None:
@@ -112,7 +112,7 @@ class TriedModels:
             if last > model.total:
                 model.likelihood, model.evidence, model.at_likeliest = likelihood, evidence, True
         self.wander = max(changes[1:], default=0.0)
-        self.moves = model.at_likeliest or self.wander > POLICY.improvement
+        self.moved = model.at_likeliest or self.wander > POLICY.improvement
         if changes:
             self.state.progress(
                 f"{model.name}: another linearisation changes the log evidence by {changes[0]:.1f}, then by up to "
@@ -124,7 +124,7 @@ class TriedModels:
     ) -> tuple[StageLikelihood, Evidence] | None:
         """Return a model at its likeliest parameters, if models are moved there and it is clearly more probable."""
         best: tuple[StageLikelihood, Evidence] | None = None
-        if self.moves:
+        if self.moved:
             for there, moved in self._steps_to_likeliest(likelihood):
                 if not moved.total > evidence.total + POLICY.improvement:
                     break

@@ -53,7 +53,7 @@ def test_a_model_that_is_nearly_linear_stays_where_it_was_fitted(monkeypatch, to
     models, first = walked(monkeypatch, *totals, sticks=sticks)
     assert first.total == 0.0
     assert not first.at_likeliest
-    assert not models.moves
+    assert not models.moved
     assert models.at_likelier_parameters(likelihood(0.0), evidence(-100.0)) is None
 
 
