@@ -16,7 +16,7 @@ from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.evidence.unknown_law import unknown_law
 from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
-from discrepancy.stages.held_out_errors import SimulationGain, held_out_gain_of_errors
+from discrepancy.stages.held_out_errors import SimulationGain, held_out_gain_of_errors, simulated_worse
 from discrepancy.stages.stage import Stage
 from multibody.base.errors import ModelError
 from multibody.base.memory import give_back
@@ -113,11 +113,12 @@ class Announcement:
         state = self._state
         while best.key and best.likelihood is not None and state.problem.validate:
             self._move_to_likeliest(best)
+            worse = self._simulated_worse(best.stage)
             weakest: tuple[float, TriedModel, str] | None = None
             for model in self.trials.fitted_once(best, moves.drops(best)):
                 if model.likelihood is None:
                     continue
-                gain = self._held_out_gain_of_errors(best.stage, model.stage)
+                gain = self._held_out_gain_of_errors(best.stage, self._as_reported(model))
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
                 helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
@@ -128,18 +129,34 @@ class Announcement:
                         f"± {score.standard_error:.1f}"
                     )
                     helps = score.exceeds(POLICY.predictive_errors)
-                if helps and not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                if helps and not worse and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue
                 if weakest is None or model.total > weakest[0]:
                     weakest = model.total, model, dropped
             if weakest is None:
                 return best
             best.unconfirmed = True
-            best.refuse(f"{weakest[2]} is not announced: the records held out are not predicted better", weakest[1])
+            why = "the records held out are not predicted better"
+            if worse:
+                why = f"{' and '.join(worse)} of the records held out would be simulated worse than without any"
+            best.refuse(f"{weakest[2]} is not announced: {why}", weakest[1])
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])
             best = weakest[1]
         return best
+
+    def _as_reported(self, model: TriedModel) -> Stage:
+        """Return the stage that the report compares with; the model that the search began with is there as calibrated.
+
+        At its likeliest parameters it may simulate worse, and an effect with which the machine is simulated worse than
+        after calibration would pass.
+        """
+        first = self._state.stages[-1]
+        return first if model.at_likeliest and key_of(first.effects) == model.key else model.stage
+
+    def _simulated_worse(self, stage: Stage) -> tuple[str, ...]:
+        """Return the outputs of the records held out whose error a report would show grown since calibration."""
+        return simulated_worse(with_validation(self._state.problem, stage), self._state.stages[-1], POLICY.growth)
 
     def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
         problem = self._state.problem
@@ -158,7 +175,7 @@ class Announcement:
         if likelihood is None or model.at_likeliest:
             return
         try:
-            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values())
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
             there = likelihood.neighbour(stage)
             evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
@@ -166,7 +183,8 @@ class Announcement:
             return
         if evidence.total < model.total - POLICY.reach:
             return
-        if self._held_out_gain_of_errors(there.stage, likelihood.stage).harms(POLICY.harm, POLICY.simulation_errors):
+        gain = self._held_out_gain_of_errors(there.stage, likelihood.stage)
+        if gain.harms(POLICY.harm, POLICY.simulation_errors) or self._simulated_worse(there.stage):
             self._state.progress(f"{model.name} stays at the parameters of least squares, which predict better")
             return
         self._state.progress(

@@ -244,7 +244,7 @@ class Trials:
         name = " + ".join(key_of(proposal.effects))
         expected = self._state.unfitted(name, proposal.effects, simpler.stage)
         values = simpler.likelihood.neighbour(expected, proposal.noise).likeliest_values()
-        stage = self._state.moved_to(expected, values)
+        stage = self._state.moved_to(expected, values, trial=True)
         if not all(any(e.strengths.values()) for e in stage.effects):
             raise RuntimeError("a strength is zero: it would act the other way")
         likelihood, evidence = self._with_noise(stage, proposal, simpler)
@@ -271,7 +271,7 @@ class Trials:
         if promised <= POLICY.improvement:
             return likelihood, evidence
         try:
-            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True))
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True), trial=True)
             there = likelihood.neighbour(stage)
             moved = self.tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):

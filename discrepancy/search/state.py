@@ -237,9 +237,11 @@ class SearchState:
         noise: Mapping[str, float],
         *,
         moved: bool = True,
+        trial: bool = False,
     ) -> Stage:
         """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted."""
-        return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=FittedValues(values, own, scale))
+        given = FittedValues(values, own, scale)
+        return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=given, trial=trial)
 
     def unfitted(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
         """Return a stage with effects at given strengths and another's parameters: nothing is fitted."""
@@ -250,7 +252,7 @@ class SearchState:
         given = FittedValues(values, own, start.identify.scale)
         return self.fitted(name, effects, None, dict(start.noise), values=given, trial=True)
 
-    def moved_to(self, stage: Stage, values: Mapping[str, float]) -> Stage:
+    def moved_to(self, stage: Stage, values: Mapping[str, float], *, trial: bool = False) -> Stage:
         """Return a fitted stage at other values of its parameters; only each record's own unknowns are fitted there.
 
         Parameters
@@ -258,6 +260,8 @@ class SearchState:
         stage : Stage
         values : mapping of str to float
             Of every parameter that was calibrated, SI.
+        trial : bool
+            Without the records held out.
         """
         base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
         there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
@@ -265,7 +269,7 @@ class SearchState:
         at = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base)
         own = [np.array(list(f.own.values())) for f in at.fits]
         effects = tuple(e.with_values(values) for e in stage.effects)
-        return self.restored(stage.name, effects, values, own, stage.identify.scale, stage.noise)
+        return self.restored(stage.name, effects, values, own, stage.identify.scale, stage.noise, trial=trial)
 
     def with_effect(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
         """Return the latest stage with an effect added, or replacing others, and everything fitted again."""

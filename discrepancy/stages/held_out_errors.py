@@ -9,7 +9,7 @@ from scipy.stats import norm, t
 
 from discrepancy.stages.stage import Stage
 
-__all__ = ["SimulationGain", "gain_of_errors", "held_out_gain_of_errors"]
+__all__ = ["SimulationGain", "gain_of_errors", "held_out_gain_of_errors", "simulated_worse"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +75,16 @@ def gain_of_errors(outputs: tuple[str, ...], one: np.ndarray, other: np.ndarray)
 def held_out_gain_of_errors(one: Stage, other: Stage) -> SimulationGain:
     """Return by how much one stage simulates the records held out better than another; both have been validated."""
     return gain_of_errors(one.outputs, _squared_errors(one), _squared_errors(other))
+
+
+def simulated_worse(one: Stage, other: Stage, least: float) -> tuple[str, ...]:
+    """Return the outputs of which one stage has a mean square error on the records held out that is larger by a share.
+
+    All records together, as a report shows the error, and however much it differs between them: two or three records
+    cannot tell a rise from chance, and nobody adds an effect to a model that then shows a larger error.
+    """
+    had = other.rmse("validate")
+    return tuple(n for n, error in one.rmse("validate").items() if error**2 > (1.0 + least) * had[n] ** 2)
 
 
 def _squared_errors(stage: Stage) -> np.ndarray:
