@@ -113,12 +113,14 @@ class Announcement:
         state = self._state
         while best.key and best.likelihood is not None and state.problem.validate:
             self._move_to_likeliest(best)
-            worse = self._simulated_worse(best.stage)
+            models = self.trials.fitted_once(best, moves.drops(best))
+            shown = self._tried.as_reported(best)
+            worse = self._simulated_worse(shown)
             weakest: tuple[float, TriedModel, str] | None = None
-            for model in self.trials.fitted_once(best, moves.drops(best)):
+            for model in models:
                 if model.likelihood is None:
                     continue
-                gain = self._held_out_gain_of_errors(best.stage, self._as_reported(model))
+                gain = self._held_out_gain_of_errors(shown, self._shown_without(model))
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
                 helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
@@ -145,22 +147,22 @@ class Announcement:
             best = weakest[1]
         return best
 
-    def _as_reported(self, model: TriedModel) -> Stage:
-        """Return the stage that the report compares with; the model that the search began with is there as calibrated.
+    def _shown_without(self, model: TriedModel) -> Stage:
+        """Return what an effect is compared with: the calibrated model as reported, any other as it was tried."""
+        return self._tried.as_reported(model) if model is self._begun_with else model.stage
 
-        At its likeliest parameters it may simulate worse, and an effect with which the machine is simulated worse than
-        after calibration would pass.
-        """
-        first = self._state.stages[-1]
-        return first if model.at_likeliest and key_of(first.effects) == model.key else model.stage
+    @property
+    def _begun_with(self) -> TriedModel:
+        return self._tried.models[key_of(self._state.stages[-1].effects)]
 
     def _simulated_worse(self, stage: Stage) -> tuple[str, ...]:
         """Return the outputs of the records held out whose error a report would show grown since calibration."""
-        return simulated_worse(with_validation(self._state.problem, stage), self._state.stages[-1], POLICY.growth)
+        return simulated_worse(stage, self._tried.as_reported(self._begun_with), POLICY.growth)
 
     def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
-        problem = self._state.problem
-        return held_out_gain_of_errors(with_validation(problem, one), with_validation(problem, other))
+        if other.validate is None:
+            other = with_validation(self._state.problem, other)
+        return held_out_gain_of_errors(one, other)
 
     def _move_to_likeliest(self, model: TriedModel) -> None:
         """Move a model to the parameters of largest likelihood, unless it is clearly less probable there.
@@ -175,7 +177,7 @@ class Announcement:
         if likelihood is None or model.at_likeliest:
             return
         try:
-            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values())
             there = likelihood.neighbour(stage)
             evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:

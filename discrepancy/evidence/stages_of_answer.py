@@ -23,7 +23,7 @@ __all__ = ["make_stages"]
 def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None:
     """Make the stages of the best model, one for each effect, in the order in which they raise the evidence."""
     state = tried.state
-    _fit_further(tried, start)
+    _make_start_again(tried, start)
     _keep_scans(tried)
     if best.likelihood is None or best.key == start.key:
         return
@@ -36,7 +36,7 @@ def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None
         effects = tuple(e for e in best.stage.effects if str(e) in names)
         state.progress(f"add {effect}")
         before, model = state.stages[-1], tried.models.get(key_of(effects))
-        stage = _fitted(tried, f"+ {effect}", effects, model, best)
+        stage = _of_some(tried, effects, model, best)
         fitted = next(e for e in stage.effects if str(e) == str(effect))
         others = (*(e for e in stage.effects if e is not fitted), fitted)
         parent = tried.models.get(key_of(before.effects))
@@ -47,36 +47,28 @@ def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None
             delta_bic=-2.0 * gain,
             rivals=rivals_of(best, str(fitted), tried.models, start.proposals, best.proposals),
         )
-        state.stages.append(replace(stage, effects=others, accepted=accepted))
+        state.stages.append(replace(stage, name=f"+ {effect}", effects=others, accepted=accepted))
         _keep_scans(tried)
         state.save()
 
 
-def _fitted(
-    tried: TriedModels, name: str, effects: tuple[Effect, ...], model: TriedModel | None, best: TriedModel
-) -> Stage:
-    """Return the stage of some of the best model's effects, fitted from where the model with just these stands."""
-    state = tried.state
-    if model is None or model.likelihood is None:
-        model, trial = None, best.stage
-    else:
-        effects, trial = model.stage.effects, model.stage
+def _of_some(tried: TriedModels, effects: tuple[Effect, ...], model: TriedModel | None, best: TriedModel) -> Stage:
+    """Return the stage of some of the best model's effects, from where the model with just these stands."""
+    if model is not None and model.likelihood is not None:
+        return tried.as_reported(model)
     try:
-        if model is not None and model.at_likeliest:
-            return state.moved_to(replace(trial, name=name), trial.identify.to_dict())
-        return state.fitted(name, effects, trial, state.stages[-1].noise)
+        return tried.state.fitted("", effects, best.stage, best.stage.noise)
     except RuntimeError as error:
-        state.progress(f"{name} could not be fitted further, the fit on trial is kept: {error}")
-        return with_validation(state.problem, trial)
+        tried.state.progress(f"{' + '.join(map(str, effects))} could not be fitted: {error}")
+        return with_validation(tried.state.problem, best.stage)
 
 
-def _fit_further(tried: TriedModels, start: TriedModel) -> None:
+def _make_start_again(tried: TriedModels, start: TriedModel) -> None:
     """Make the stage that the search began with again, where a better fit of it was found on trial."""
     before = tried.state.stages[-1]
-    if start.likelihood is None or start.at_likeliest or start.stage is before:
+    if start.likelihood is None or (stage := tried.as_reported(start)) is before:
         return
-    stage = tried.state.fitted(before.name, before.effects, start.stage, before.noise)
-    tried.state.stages[-1] = replace(stage, accepted=before.accepted, notes=before.notes)
+    tried.state.stages[-1] = replace(stage, name=before.name, accepted=before.accepted, notes=before.notes)
     tried.state.save()
 
 

@@ -14,6 +14,7 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
+from discrepancy.stages.fit_stage import with_validation
 from multibody.base.errors import ModelError
 from multibody.base.memory import give_back
 
@@ -141,6 +142,27 @@ class TriedModels:
             except (RuntimeError, ModelError, np.linalg.LinAlgError):
                 return
             yield likelihood, evidence
+
+    def as_reported(self, model: TriedModel) -> Stage:
+        """Return the stage of a model as the answer shows it: fitted in full, and evaluated on the records held out.
+
+        At its likeliest parameters a model stays as it is, but the one that the search began with is shown as it was
+        calibrated, unless a better fit of it by least squares was found.
+        """
+        trial, first = model.stage, self.state.stages[-1]
+        if model.at_likeliest and key_of(first.effects) == model.key:
+            return first
+        return trial if trial.machine is not None else trial.once("as reported", lambda: self._in_full(model))
+
+    def _in_full(self, model: TriedModel) -> Stage:
+        trial = model.stage
+        try:
+            if model.at_likeliest:
+                return self.state.moved_to(trial, trial.identify.to_dict())
+            return self.state.fitted(trial.name, trial.effects, trial, trial.noise)
+        except RuntimeError as error:
+            self.state.progress(f"{model.name} could not be fitted further, the fit on trial is kept: {error}")
+            return with_validation(self.state.problem, trial)
 
     # ---------------------------------------------------------------- noise
 

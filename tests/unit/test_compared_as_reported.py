@@ -16,28 +16,42 @@ from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.stages.held_out_errors import SimulationGain, simulated_worse
 
 
-def stage_of(name: str, **errors: float) -> Any:
+def stage_of(name: str, *, trial: bool = False, **errors: float) -> Any:
     """A stage with these errors on the records held out."""
-    return SimpleNamespace(effects=(), name=name, rmse=lambda part: errors if part == "validate" else {})
+    stage = SimpleNamespace(name=name, effects=(), noise={}, validate=None if trial else errors)
+    stage.machine = None if trial else "machine"
+    stage.rmse = lambda part: errors if part == "validate" else {}
+    stage.once = lambda key, make: make()
+    return stage
 
 
 CALIBRATED = stage_of("calibrated", speed=1.0, torque=2.0)
 
 
-def announcement_of(*, validate: tuple[str, ...] = ()) -> Announcement:
+def models_of(stage: Any, *, at_likeliest: bool, key: tuple[str, ...] = ()) -> tuple[TriedModels, TriedModel]:
     state: Any = SimpleNamespace(stages=[CALIBRATED], progress=lambda text: None)
-    state.problem = SimpleNamespace(validate=validate)
-    return Announcement(Trials(TriedModels(state)))
+    state.problem = SimpleNamespace(validate=("a", "b"))
+    state.fitted = lambda name, effects, start, noise: stage_of(f"{start.name}, in full")
+    state.moved_to = lambda stage, values: stage_of(f"{stage.name}, evaluated")
+    stage.identify = SimpleNamespace(to_dict=dict)
+    likelihood: Any = SimpleNamespace(stage=stage)
+    model = TriedModel(likelihood=likelihood, key=key, evidence=None, at_likeliest=at_likeliest)
+    return TriedModels(state), model
 
 
 @pytest.mark.parametrize(
-    ("key", "at_likeliest", "compared"),
-    [((), True, "calibrated"), ((), False, "fitted again"), (("drag@shaft",), True, "fitted again")],
+    ("key", "trial", "at_likeliest", "reported"),
+    [
+        ((), True, True, "calibrated"),
+        ((), True, False, "tried, in full"),
+        (("drag@shaft",), True, True, "tried, evaluated"),
+        (("drag@shaft",), True, False, "tried, in full"),
+        (("drag@shaft",), False, True, "tried"),
+    ],
 )
-def test_the_first_model_is_compared_as_it_was_calibrated(key, at_likeliest, compared):
-    likelihood: Any = SimpleNamespace(stage=stage_of("fitted again"))
-    model = TriedModel(likelihood=likelihood, key=key, evidence=None, at_likeliest=at_likeliest)
-    assert announcement_of()._as_reported(model).name == compared
+def test_what_is_reported_of_a_model(key, trial, at_likeliest, reported):
+    tried, model = models_of(stage_of("tried", trial=trial), at_likeliest=at_likeliest, key=key)
+    assert tried.as_reported(model).name == reported
 
 
 @pytest.mark.parametrize(
@@ -57,11 +71,10 @@ def test_an_effect_is_not_announced_where_an_error_grows(monkeypatch, torque, an
         standard_error=np.array([0.1, 2.2]),
         blocks=2,
     )
-    tests = announcement_of(validate=("a", "b"))
+    tried, best = models_of(stage_of("drag", speed=0.3, torque=torque), at_likeliest=True, key=("drag@shaft",))
     without = TriedModel(likelihood=SimpleNamespace(stage=CALIBRATED), key=(), evidence=None)  # type: ignore[arg-type]
-    likelihood: Any = SimpleNamespace(stage=stage_of("drag", speed=0.3, torque=torque))
-    best = TriedModel(likelihood=likelihood, key=("drag@shaft",), evidence=None, at_likeliest=True)
-    monkeypatch.setattr(announcement, "with_validation", lambda problem, stage: stage)
+    tried.models = {(): without}
+    tests = Announcement(Trials(tried))
     monkeypatch.setattr(announcement, "held_out_gain_of_errors", lambda one, other: gain)
     monkeypatch.setattr(announcement.moves, "drops", lambda model: [])
     monkeypatch.setattr(tests.trials, "fitted_once", lambda model, proposals: [without])

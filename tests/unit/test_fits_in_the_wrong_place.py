@@ -47,7 +47,7 @@ def fitted(
 ) -> TriedModel:
     """Fit drag beside a parent of log evidence 0, with such evidence at the fit and near the expected strengths."""
     state: Any = SimpleNamespace(
-        progress=lambda text: None, unfitted=lambda *given: None, moved_to=lambda *given: place(near_expected)
+        progress=lambda text: None, unfitted=lambda *given: None, moved_to=lambda *given, trial: place(near_expected)
     )
     tried = TriedModels(state)
     tried.prior = ModelPrior(candidates=9, shapes={}, stated={})
