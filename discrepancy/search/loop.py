@@ -15,9 +15,9 @@ from discrepancy.search.omnibus import omnibus_of_stage
 from discrepancy.search.prior_conflict_test import find_prior_conflict
 from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
-from discrepancy.stages.held_out_errors import held_out_gain_of_errors
+from discrepancy.stages.held_out_errors import held_out_gain_of_errors, simulated_worse
 from discrepancy.stages.stage import AcceptedEffect, Stage
-from discrepancy.statistics.thresholds import DECISIVE_BIC, HARMFUL_SHARE, LEVEL_SHARES, SIMULATION_ERRORS
+from discrepancy.statistics.thresholds import DECISIVE_BIC, HARMFUL_SHARE, LEVEL_SHARES, SHOWN_GROWTH, SIMULATION_ERRORS
 from multibody.base.errors import SimulationError
 
 __all__ = ["Search"]
@@ -227,11 +227,15 @@ class Search:
         force without a law is no name, and stays.
         """
         stages = self.state.stages
+        calibrated = next(s for s in reversed(stages) if s.accepted is None)
         while (accepted := stages[-1].accepted) is not None and stages[-1].validate is not None:
             count = 2 if stages[-2].half_of_masking_pair else 1
             before = stages[-1 - count]
             gain = held_out_gain_of_errors(stages[-1], before)
-            if accepted.effect.definition.free_form or not gain.harms(HARMFUL_SHARE, SIMULATION_ERRORS):
+            worse = gain.harms(HARMFUL_SHARE, SIMULATION_ERRORS) or simulated_worse(
+                stages[-1], calibrated, SHOWN_GROWTH
+            )
+            if accepted.effect.definition.free_form or not worse:
                 return
             note = f"{accepted.effect} is not announced: records held out are predicted worse with it"
             self.state.progress(f"{note} (square error gone: {gain})")

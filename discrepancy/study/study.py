@@ -419,7 +419,7 @@ class Study(SearchState):
                 by_evidence = EvidenceSearch(self)
                 by_evidence.run()
                 self.if_simulated("whether parameters alone explain as much", Search(self).test_prior_conflict)
-            if by_evidence is None or self._cut_into_windows():
+            if by_evidence is None or (not by_evidence.announcement.unconfirmed and self._cut_into_windows()):
                 by_evidence = None
                 Search(self).run()
         except KeyboardInterrupt as stopped:
@@ -431,7 +431,10 @@ class Study(SearchState):
         return self._answered(conclude(self, by_evidence))
 
     def _cut_into_windows(self) -> bool:
-        """Begin again with windows where whole records cannot be simulated well and no effect explains that."""
+        """Begin again with windows where whole records cannot be simulated well and nothing explains that.
+
+        An effect that is probable and predicts the records held out no better does explain it.
+        """
         if self.accepted_stages or self.mode != "simulation" or self.given.residual != "auto":
             return False
         return self.cut_into_windows(self.stages[1].rmse("identify"))
