@@ -15,6 +15,7 @@ from estimation.response.experiment import Experiment
 from estimation.response.perturbations import PerturbationResponse
 from multibody.inputs.table import InputTable
 from multibody.solvers import Samples, integrate
+from multibody.solvers.frozen import frozen_state_transition
 from multibody.solvers.problem import Directions, ProblemError
 from multibody.solvers.state_transition import state_transition_matrices
 from multibody.system.simulate import native_problem
@@ -128,6 +129,29 @@ def test_intervals_that_are_stiff_are_frozen():
     np.testing.assert_allclose(phi[1], np.diag([np.exp(-0.1), 0.0]), rtol=0, atol=1e-12)
     assert gamma1[1, 1, 0] == pytest.approx(1e-6, rel=1e-4)
     assert gamma0[1, 1, 0] == pytest.approx(1e-11, rel=1e-4)
+
+
+@pytest.mark.parametrize(("n", "m", "faster"), [(1, 1, 1e9), (5, 8, 30.0), (3, 2, 1e6), (8, 0, 0.3), (4, 2, 0.0)])
+def test_frozen_transitions_are_exponentials_of_the_whole_block(n, m, faster):
+    """As by Van Loan, but without the zeros and ones below; damped motions that turn, with very different rates."""
+    rng = np.random.default_rng(n)
+    damping, turning = rng.normal(size=(2, 6, n, n))
+    a = faster * (0.3 * (turning - turning.transpose(0, 2, 1)) - damping @ damping.transpose(0, 2, 1))
+    b = faster * rng.normal(size=(6, n, m))
+    a[3] *= 1e-4
+    whole = np.zeros((6, n + 2 * m, n + 2 * m))
+    whole[:, :n, :n], whole[:, :n, n : n + m], whole[:, n : n + m, n + m :] = a, b, np.eye(m)
+    exact = expm(whole)
+    phi, gamma0, gamma1 = frozen_state_transition(a[:, None], b[:, None], np.ones(6))
+    held, ramp = exact[:, :n, n : n + m], exact[:, :n, n + m :]
+    scale = max(1.0, float(np.abs(b).max(initial=0.0)))
+    for own, block in ((phi, exact[:, :n, :n]), (gamma0, held - ramp), (gamma1, ramp)):
+        np.testing.assert_allclose(own, block, rtol=0, atol=1e-11 * scale)
+
+
+def test_a_frozen_motion_that_runs_away_is_not_finite():
+    phi, _, _ = frozen_state_transition(np.full((1, 1, 1, 1), 1e5), np.ones((1, 1, 1, 1)), np.ones(1))
+    assert not np.isfinite(phi).any()
 
 
 def test_threads_change_nothing_and_faults_are_named(monkeypatch):
