@@ -28,10 +28,13 @@ class MadeStage:
         effect = SimpleNamespace(definition=SimpleNamespace(free_form=self.free_form))
         return SimpleNamespace(effect=effect) if self.name != "recalibrated" else None
 
+    def rmse(self, part: str) -> dict[str, float]:
+        return {"y": self.error**0.5}
 
-def kept(monkeypatch: pytest.MonkeyPatch, *stages: MadeStage) -> list[str]:
+
+def kept(monkeypatch: pytest.MonkeyPatch, *stages: MadeStage, scatter: float = 0.01) -> list[str]:
     def gain(one: MadeStage, other: MadeStage) -> SimulationGain:
-        share, error = np.array([1.0 - one.error / other.error]), np.array([0.01])
+        share, error = np.array([1.0 - one.error / other.error]), np.array([scatter])
         return SimulationGain(outputs=("y",), share=share, standard_error=error, blocks=4)
 
     monkeypatch.setattr(loop, "held_out_gain_of_errors", gain)
@@ -50,6 +53,12 @@ def test_the_latest_effects_go_while_they_make_a_prediction_worse(monkeypatch: p
 
 def test_a_change_within_its_scatter_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     assert kept(monkeypatch, GIVEN, CALIBRATED, MadeStage("even", 5.08))[-1] == "even"
+
+
+def test_an_error_that_is_seen_to_grow_is_no_chance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However much the rise differs between the records."""
+    assert kept(monkeypatch, GIVEN, CALIBRATED, MadeStage("larger", 5.3), scatter=0.5)[-1] == "recalibrated"
+    assert kept(monkeypatch, GIVEN, CALIBRATED, MadeStage("even", 5.19), scatter=0.5)[-1] == "even"
 
 
 def test_a_force_without_a_law_is_no_name_and_stays(monkeypatch: pytest.MonkeyPatch) -> None:
