@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,13 @@ class RecordColumns:
     own: np.ndarray
     spread: np.ndarray
 
+    @cached_property
+    def _together(self) -> np.ndarray:
+        """Residual, shared columns and own unknowns in units of their priors side by side, (n, n_c, 1 + k + q)."""
+        moved = np.mean(np.sum((self.own / self.spread[:, None]) ** 2, axis=1), axis=0)
+        own = self.own / np.maximum(np.sqrt(moved), 1e-300)
+        return np.concatenate([self.residual[:, :, None], self.shared, own], axis=2)
+
     def whitened(self, model: NoiseModel) -> WhitenedRecord:
         """Return residual and shared columns as innovations, free of the own unknowns."""
         return self.filtered(model).whitened()
@@ -110,10 +118,7 @@ class RecordColumns:
         and the determinant of such an unknown, without a prior, is a matter of rounding.
         """
         weighting = innovation_weighting(self.record, model)
-        moved = np.mean(np.sum((self.own / self.spread[:, None]) ** 2, axis=1), axis=0)
-        own = self.own / np.maximum(np.sqrt(moved), 1e-300)
-        flat = weighting(np.concatenate([self.residual[:, :, None], self.shared, own], axis=2))
-        flat = flat.reshape(-1, flat.shape[2])
+        flat = weighting(self._together).reshape(-1, self._together.shape[2])
         k = self.shared.shape[2]
         basis, singular, _ = np.linalg.svd(flat[:, 1 + k :], full_matrices=False)
         return FilteredRecord(
@@ -143,8 +148,7 @@ class RecordColumns:
         root : ndarray, shape (n_used, n_c, n_c)
         """
         weighting = innovation_weighting(self.record, model)
-        together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
-        flat = weighting(together).reshape(-1, together.shape[2])
+        flat = weighting(self._together).reshape(-1, self._together.shape[2])
         basis = flat[:, 1:] / np.maximum(np.linalg.norm(flat[:, 1:], axis=0), 1e-300)
         left = flat[:, 0] - basis @ np.linalg.lstsq(basis, flat[:, 0], rcond=1e-10)[0]
         used = self.record.used
@@ -539,8 +543,8 @@ def _with_another(
     What promises most on the thinned records is fitted to all samples even where it promises little: a process that
     is faster than these hardly shows there.
     """
-    there, _ = thinned.climbed(model, thinned.value(model))
-    fitted = [whole.climbed_from(trial, thinned) for trial in _promising(there, candidates, thinned)[:FITS]]
+    there = thinned.climbed(model, thinned.value(model))
+    fitted = [whole.climbed_from(trial, thinned) for trial in _promising(*there, candidates, thinned)[:FITS]]
     return max(fitted, key=lambda t: t[1], default=(model, value))
 
 
@@ -555,31 +559,50 @@ def _with_two_for_one(
     best, (_, reference) = (model, value), thinned.climbed(model, thinned.value(model))
     for k, process in enumerate(model.processes):
         others = replace(model, processes=(*model.processes[:k], *model.processes[k + 1 :]))
-        without, _ = thinned.climbed(others, thinned.value(others))
+        without = thinned.climbed(others, thinned.value(others))
         there = [q for q in candidates if _place(q)[:2] == _place(process)[:2]]
-        first = _promising(without, [q for q in there if _place(q) != _place(process)], thinned, 1)[:1]
-        second = [two for one, _ in first for two in _promising(one, there, thinned, 1)[:1]]
+        first = _promising(*without, [q for q in there if _place(q) != _place(process)], thinned, 1)[:1]
+        second = [two for one in first for two in _promising(*one, there, thinned, 1)[:1]]
         fitted = [whole.climbed_from(two, thinned) for two in second if two[1] > reference]
         best = max([best, *fitted], key=lambda t: t[1])
     return best
 
 
 def _promising(
-    model: NoiseModel, candidates: Sequence[Process], thinned: _Objective, per_place: int = PER_PLACE
+    model: NoiseModel,
+    value: float,
+    candidates: Sequence[Process],
+    thinned: _Objective,
+    per_place: int = PER_PLACE,
 ) -> list[tuple[NoiseModel, float]]:
     """Return a noise model with one process more, fitted to the thinned records, and its likelihood, largest first.
 
-    Of every place so many processes are fitted.
+    Of every place so many processes are fitted.  ``value`` is the likelihood of the model on the thinned records.
     """
     screened: dict[tuple[int, int, bool], list[tuple[float, NoiseModel]]] = {}
     for process in candidates:
-        sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
-        trials = [replace(model, processes=(*model.processes, q)) for q in sizes]
-        likeliest = max(((thinned.value(trial), trial) for trial in trials), key=lambda t: t[0])
-        screened.setdefault(_place(process), []).append(likeliest)
+        screened.setdefault(_place(process), []).append(_likeliest_size(model, value, process, thinned))
     first = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:per_place]]
     first = sorted(first, key=lambda t: -t[0])[:THINNED_FITS]
     return sorted((thinned.climbed(trial, reached) for reached, trial in first), key=lambda t: -t[1])
+
+
+def _likeliest_size(model: NoiseModel, value: float, process: Process, thinned: _Objective) -> tuple[float, NoiseModel]:
+    """Return a noise model with a process of the likeliest of the first sizes, and before it its likelihood.
+
+    The smallest first, and a larger one as long as the likelihood rises: over the size it has one maximum as a rule, at
+    zero for most processes.
+    """
+    best: tuple[float, NoiseModel] | None = None
+    for size in FIRST_SIZES:
+        trial = replace(model, processes=(*model.processes, replace(process, std=size * process.std)))
+        reached = thinned.value(trial)
+        if best is None or reached > best[0]:
+            best = reached, trial
+        if reached < max(value, best[0]):
+            break
+    assert best is not None
+    return best
 
 
 def _without_needless(model: NoiseModel, value: float, price: float, whole: _Objective) -> tuple[NoiseModel, float]:
