@@ -36,7 +36,7 @@ def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None
         effects = tuple(e for e in best.stage.effects if str(e) in names)
         state.progress(f"add {effect}")
         before, model = state.stages[-1], tried.models.get(key_of(effects))
-        stage = _of_some(tried, effects, model, best)
+        stage = _with_some(tried, effects, model, best)
         fitted = next(e for e in stage.effects if str(e) == str(effect))
         others = (*(e for e in stage.effects if e is not fitted), fitted)
         parent = tried.models.get(key_of(before.effects))
@@ -52,7 +52,7 @@ def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None
         state.save()
 
 
-def _of_some(tried: TriedModels, effects: tuple[Effect, ...], model: TriedModel | None, best: TriedModel) -> Stage:
+def _with_some(tried: TriedModels, effects: tuple[Effect, ...], model: TriedModel | None, best: TriedModel) -> Stage:
     """Return the stage of some of the best model's effects, from where the model with just these stands."""
     if model is not None and model.likelihood is not None:
         return tried.as_reported(model)
