@@ -35,12 +35,10 @@ def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None
         names.add(str(effect))
         effects = tuple(e for e in best.stage.effects if str(e) in names)
         state.progress(f"add {effect}")
-        before, model = state.stages[-1], tried.models.get(key_of(effects))
-        stage = _with_some(tried, effects, model, best)
+        stage = _with_some(tried, effects, tried.models.get(key_of(effects)), best)
         fitted = next(e for e in stage.effects if str(e) == str(effect))
         others = (*(e for e in stage.effects if e is not fitted), fitted)
-        parent = tried.models.get(key_of(before.effects))
-        gain = model.total - parent.total if model is not None and parent is not None else math.nan
+        gain = tried.total_of(effects) - tried.total_of(state.stages[-1].effects)
         accepted = AcceptedEffect(
             effect=fitted,
             p_value=_p_value(tried, str(fitted)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from multibody.base.errors import ModelError
 from multibody.base.memory import give_back
 
 if TYPE_CHECKING:
+    from discrepancy.effects.effect import Effect
     from discrepancy.search.state import SearchState
     from discrepancy.stages.stage import Stage
 
@@ -91,6 +93,18 @@ class TriedModels:
         """Return the best model that has only some of these effects; None where none was tried."""
         within = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(key)]
         return max(within, key=lambda m: m.total, default=None)
+
+    def total_of(self, effects: Sequence[Effect]) -> float:
+        """Return the log evidence of the model with some effects.
+
+        Of one that was not tried or could not be fitted it is that of the best with some of them: the strengths of the
+        others could be zero.
+        """
+        key = key_of(effects)
+        model = self.models.get(key)
+        if model is None or not math.isfinite(model.total):
+            model = self.best_within(key)
+        return model.total if model is not None else -math.inf
 
     # ---------------------------------------------------------------- parameters
 
