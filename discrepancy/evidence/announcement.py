@@ -140,7 +140,7 @@ class Announcement:
             best.unconfirmed = True
             why = "the records held out are not predicted better"
             if worse:
-                why = f"{' and '.join(worse)} of the records held out would be simulated worse than without any"
+                why = f"{' and '.join(worse)} of the records held out would be simulated worse than after calibration"
             best.refuse(f"{weakest[2]} is not announced: {why}", weakest[1])
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])

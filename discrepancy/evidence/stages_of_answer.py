@@ -54,10 +54,11 @@ def _with_some(tried: TriedModels, effects: tuple[Effect, ...], model: TriedMode
     """Return the stage of some of the best model's effects, from where the model with just these stands."""
     if model is not None and model.likelihood is not None:
         return tried.as_reported(model)
+    name = " + ".join(map(str, effects))
     try:
-        return tried.state.fitted("", effects, best.stage, best.stage.noise)
+        return tried.state.fitted(name, effects, best.stage, best.stage.noise)
     except RuntimeError as error:
-        tried.state.progress(f"{' + '.join(map(str, effects))} could not be fitted: {error}")
+        tried.state.progress(f"{name} could not be fitted: {error}")
         return with_validation(tried.state.problem, best.stage)
 
 
