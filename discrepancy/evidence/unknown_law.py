@@ -32,6 +32,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_scores, scores_of_blocks
 from discrepancy.innovations.noise_fit import (
     PROCESS_PRICE,
+    FilteredRecord,
     RecordColumns,
     likeliest_change,
     restricted_log_likelihood,
@@ -319,8 +320,8 @@ class _Question:
         ends = np.cumsum([r.time.size for r in self.likelihood.noise.records])[:-1]
         return np.split(_incomplete_cholesky(np.column_stack([self.signals[n] for n in chosen])), ends)
 
-    def with_function(self, source: _Source, basis: Sequence[np.ndarray]) -> list[RecordColumns]:
-        """Return the records with what each direction of the function changes as further shared columns."""
+    def changed(self, source: _Source, basis: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return what each direction of the function changes in the records, (n, n_c, m) each."""
         more = []
         for column, values in zip(self.columns, basis, strict=True):
             record, m = column.record, values.shape[1]
@@ -330,20 +331,34 @@ class _Question:
             else:
                 changed = record.response(values, np.full(m, source.index))
             more.append(source.unit * changed[record.observed])
-        return with_columns(self.columns, more)
+        return more
 
     def priors(self, size: float, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the priors of the shared parameters and of a function of some size."""
         _, std, offset = self._of_records
         return np.concatenate([std, np.full(count, size)]), np.concatenate([offset, np.zeros(count)])
 
-    def screened(self, source: _Source, chosen: tuple[str, ...], noise: NoiseModel | None = None) -> _Screened:
-        """Return the gain of a function of some signals at the size that gains most, at the noise as it is or given."""
-        fitted, basis = self.likelihood.noise, self.basis(chosen)
-        columns, count = self.with_function(source, basis), basis[0].shape[1]
-        values = restricted_log_likelihoods(columns, noise or fitted.model, [self.priors(z, count) for z in SIZES])
-        best, size = max(zip(values, SIZES, strict=True))
-        return _Screened(source=source, signals=chosen, size=size, gain=best - fitted.log_likelihood)
+    @cached_property
+    def filtered(self) -> list[FilteredRecord]:
+        """The records under the noise as it is."""
+        return [c.filtered(self.likelihood.noise.model) for c in self.columns]
+
+    def screened(
+        self, sources: Sequence[_Source], chosen: tuple[str, ...], filtered: Sequence[FilteredRecord] | None = None
+    ) -> list[_Screened]:
+        """Return at each source the gain of a function of some signals at the size that gains most.
+
+        Under the noise as it is, or as the records were filtered.
+        """
+        reference, basis = self.likelihood.noise.log_likelihood, self.basis(chosen)
+        priors = [self.priors(z, basis[0].shape[1]) for z in SIZES]
+        found = []
+        for source in sources:
+            pairs = zip(filtered or self.filtered, self.changed(source, basis), strict=True)
+            values = restricted_log_likelihoods([record.with_columns(more) for record, more in pairs], priors)
+            best, size = max(zip(values, SIZES, strict=True))
+            found.append(_Screened(source=source, signals=chosen, size=size, gain=best - reference))
+        return found
 
     def taken_for_slow_forces(self) -> _Screened | None:
         """Return the function of one signal that does best what random forces slower than the records do, if it does.
@@ -357,8 +372,10 @@ class _Question:
         without = replace(noise.model, processes=faster)
         _, std, offset = self._of_records
         lost = noise.log_likelihood - restricted_log_likelihood(self.columns, without, std, offset)
-        every = (self.screened(source, (name,), without) for source in self.sources for name in self.signals)
-        best = max(every, key=lambda t: t.gain)
+        if not math.isfinite(lost):
+            return None
+        filtered = [c.filtered(without) for c in self.columns]
+        best = max((t for n in self.signals for t in self.screened(self.sources, (n,), filtered)), key=lambda t: t.gain)
         return best if best.gain > -(1.0 - REGAINED) * lost else None
 
     def likeliest_of_sources(self) -> list[_Screened]:
@@ -367,18 +384,24 @@ class _Question:
         A force that is the product of two signals, such as a stiffness that varies over a turn, does not show in a
         function of either.  Two are asked for at the sources that promise most by one, as far as `MOST_SCREENED` goes.
         """
+        asked: dict[_Source, list[_Screened]] = {s: [] for s in self.sources}
+        for name in self.signals:
+            for found in self.screened(self.sources, (name,)):
+                asked[found.source].append(found)
+        order = sorted(self.sources, key=lambda s: -max(t.gain for t in asked[s]))
         pairs = list(itertools.combinations(self.signals, 2))
-        ones = {s: [self.screened(s, (name,)) for name in self.signals] for s in self.sources}
-        order = sorted(self.sources, key=lambda s: -max(t.gain for t in ones[s]))
         room = MOST_SCREENED // max(len(pairs), 1)
-        twos = {s: [self.screened(s, pair) for pair in pairs] for s in order[:room]}
-        return [max((*ones[s], *twos.get(s, [])), key=lambda t: t.gain + self.log_odds(t.signals)) for s in order]
+        for pair in pairs if room else []:
+            for found in self.screened(order[:room], pair):
+                asked[found.source].append(found)
+        return [max(asked[s], key=lambda t: t.gain + self.log_odds(t.signals)) for s in order]
 
     def extended(self, best: _Screened) -> _Screened:
         """Let a function depend on further signals, each the one that adds most, while it adds what it costs."""
         while len(best.signals) < min(MOST_SIGNALS, len(self.signals)):
             rest = [n for n in self.signals if n not in best.signals]
-            further = max((self.screened(best.source, (*best.signals, n)) for n in rest), key=lambda t: t.gain)
+            every = (t for n in rest for t in self.screened([best.source], (*best.signals, n)))
+            further = max(every, key=lambda t: t.gain)
             if further.gain < best.gain + FURTHER_SIGNAL + math.log(len(rest)):
                 break
             best = further
@@ -396,7 +419,7 @@ class _Question:
         """
         linearised, fitted = self.likelihood.linearised, self.likelihood.noise
         basis = self.basis(chosen.signals)
-        columns, count = self.with_function(chosen.source, basis), basis[0].shape[1]
+        columns, count = with_columns(self.columns, self.changed(chosen.source, basis)), basis[0].shape[1]
         trials = []
         for z in (chosen.size * factor for factor in SIZE_FACTORS):
             start = None if from_white else fitted.model

@@ -13,6 +13,7 @@ from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, Score, innovation_weighting
 
 __all__ = [
+    "FilteredRecord",
     "RecordColumns",
     "fit_noise",
     "likeliest_change",
@@ -177,6 +178,11 @@ class FilteredRecord:
     basis: np.ndarray
     information: np.ndarray
 
+    def with_columns(self, more: np.ndarray) -> FilteredRecord:
+        """Return the same with further shared columns, shape (n, n_c, m) before whitening."""
+        white = self.weighting(more).reshape(-1, more.shape[2])
+        return replace(self, white=np.concatenate([self.white, white], axis=1))
+
     def without_own(self, power: float) -> np.ndarray:
         """Return the white columns without what the own unknowns explain of them.
 
@@ -327,19 +333,19 @@ def restricted_log_likelihood(
 
 
 def restricted_log_likelihoods(
-    records: Sequence[RecordColumns], model: NoiseModel, priors: Sequence[tuple[np.ndarray, np.ndarray]]
+    records: Sequence[FilteredRecord], priors: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> list[float]:
     """Return the log marginal likelihood under several priors, which costs hardly more than under one.
 
     Parameters
     ----------
-    records, model
-        As in `restricted_log_likelihood`.
+    records : sequence of FilteredRecord
+        Under a noise model.
     priors : sequence of (prior_std, prior_offset)
-        Of the same shared parameters.
+        Of the same shared parameters, as in `restricted_log_likelihood`.
     """
     try:
-        normal = _Normal.of([r.filtered(model) for r in records], priors[0][0].size)
+        normal = _Normal.of(records, priors[0][0].size)
         each = [normal.with_prior(*prior) for prior in priors]
         values = [n.solved().log_likelihood if n.finite else -np.inf for n in each]
     except np.linalg.LinAlgError:
