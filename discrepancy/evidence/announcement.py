@@ -73,13 +73,10 @@ class Announcement:
                     dropped += f" in place of {' + '.join(sorted(new))}"
                 else:
                     self.predictive[dropped] = gain
-                state.progress(
-                    f"{dropped}: log predictive score of {gain.blocks} blocks left out {gain.gain:+.1f} "
-                    f"± {gain.standard_error:.1f}"
-                )
+                state.progress(f"{dropped}: log predictive score of {gain.blocks} blocks left out {gain}")
                 why = self._why_dropped(best, model, gain)
-                if why and (weakest is None or gain.gain < weakest[0]):
-                    weakest = gain.gain, model, f"{dropped} is not taken: {why}"
+                if why and (weakest is None or gain.total < weakest[0]):
+                    weakest = gain.total, model, f"{dropped} is not taken: {why}"
             if weakest is None:
                 return best
             state.progress(weakest[2])
@@ -126,10 +123,7 @@ class Announcement:
                 helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
                 if not helps:
                     score = held_out_gain(state.problem, best.likelihood, model.likelihood)
-                    state.progress(
-                        f"{dropped}: log predictive score of {score.blocks} blocks held out {score.gain:+.1f} "
-                        f"± {score.standard_error:.1f}"
-                    )
+                    state.progress(f"{dropped}: log predictive score of {score.blocks} blocks held out {score}")
                     helps = score.exceeds(POLICY.predictive_errors)
                 if helps and not worse and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue

@@ -17,6 +17,7 @@ from discrepancy.problem.problem import Problem
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.held_out_errors import SimulationGain, gain_of_errors
+from discrepancy.stages.prior_conflict import needs_prior_conflict
 from discrepancy.stages.stage import Stage
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "scores_of_blocks",
     "shift_over_noise",
     "simulation_gain",
+    "stated_score",
 ]
 
 #: Blocks that are left out in turn, at least: records, cut in parts where there are fewer.
@@ -49,24 +51,49 @@ class PredictiveGain:
     standard_error : float
         Of that sum, from its spread over the blocks.
     blocks : int
+    stated : float
+        By how much it predicts the stated values of parameters better, where these count as well.
     """
 
     gain: float
     standard_error: float
     blocks: int
+    stated: float = 0.0
+
+    def __str__(self) -> str:
+        """Return the gain with its standard error."""
+        stated = f", of the stated values of parameters {self.stated:+.1f}" if self.stated else ""
+        return f"{self.gain:+.1f} ± {self.standard_error:.1f}{stated}"
 
     def to_dict(self) -> dict[str, float]:
         """Return it as it stands in diagnosis.json."""
-        return {"gain": self.gain, "standard_error": self.standard_error, "blocks": self.blocks}
+        stated = {"stated": self.stated} if self.stated else {}
+        return {"gain": self.gain, "standard_error": self.standard_error, "blocks": self.blocks, **stated}
+
+    @property
+    def total(self) -> float:
+        """Of the blocks and of the stated values together."""
+        return self.gain + self.stated
 
     def exceeds(self, errors: float) -> bool:
-        """Tell whether the gain is above zero by more than so many standard errors."""
-        return self.gain > errors * self.standard_error
+        """Tell whether the whole gain is above zero by more than so many standard errors."""
+        return self.total > errors * self.standard_error
 
 
 def predictive_gain(one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
-    """Return by how much ``one`` predicts blocks of the identification records left out better than ``other``."""
-    return gain_of_scores(predictive_scores(one), predictive_scores(other))
+    """Return by how much ``one`` predicts blocks of the identification records left out better than ``other``.
+
+    Where calibration of ``other`` leaves the stated uncertainty of a parameter and that of ``one`` does not, the stated
+    values count as well: a model that is calibrated at any price may predict as well as the right one.
+    """
+    return _with_stated(gain_of_scores(predictive_scores(one), predictive_scores(other)), one, other)
+
+
+def _with_stated(gain: PredictiveGain, one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
+    """Return a gain with that of the stated values, where these count."""
+    if not needs_prior_conflict(one.stage.identify, other.stage.identify):
+        return gain
+    return replace(gain, stated=stated_score(one) - stated_score(other))
 
 
 def gain_of_scores(one: np.ndarray, other: np.ndarray) -> PredictiveGain:
@@ -151,6 +178,24 @@ def predictive_scores(likelihood: StageLikelihood) -> np.ndarray:
     return scores_of_blocks(columns, noise.model, std, offset)
 
 
+def stated_score(likelihood: StageLikelihood) -> float:
+    """Return the log predictive density of the stated values of the parameters, given all records.
+
+    What is stated of a parameter is a measurement of it, which can be left out like a block of a record.  The density
+    is that of the values in their stated deviations.
+    """
+    sens, held, effects = likelihood.linearised.sensitivities(), likelihood.held, likelihood.stage.effects
+    own = {e.parameter_name(k) for e in effects for k in (*e.strengths, *e.definition.free_shapes)}
+    is_stated = np.array([n not in own for n in sens.names]) & np.isfinite(sens.prior_std)
+    moved = np.array([n not in held for n in sens.names])
+    rows = np.eye(len(sens.names))[is_stated] / sens.prior_std[is_stated, None]
+    stated = sens.prior_offset[is_stated] / sens.prior_std[is_stated], rows[:, moved]
+    columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
+    blocks, _ = _blocks(columns, likelihood.noise.model, 1)
+    *_, known = _left_out([*blocks, stated], np.where(is_stated[moved], np.inf, std), offset)
+    return _score(*stated, 0.0, known)
+
+
 def scores_of_blocks(
     columns: Sequence[RecordColumns], model: NoiseModel, std: np.ndarray, offset: np.ndarray
 ) -> np.ndarray:
@@ -163,10 +208,12 @@ def scores_of_blocks(
 def held_out_gain(problem: Problem, one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
     """Return by how much ``one`` predicts the records held out better than ``other``, given the identification records.
 
-    Both are scored on the same samples: those at which no part of the other's machine stands still.
+    Both are scored on the same samples: those at which no part of the other's machine stands still.  Stated values
+    count as in `predictive_gain`.
     """
     masks = samples_at_standstill(_held_out(problem, other))
-    return gain_of_scores(held_out_scores(problem, one, masks), held_out_scores(problem, other, masks))
+    gain = gain_of_scores(held_out_scores(problem, one, masks), held_out_scores(problem, other, masks))
+    return _with_stated(gain, one, other)
 
 
 def held_out_scores(problem: Problem, likelihood: StageLikelihood, left_out: Sequence[np.ndarray]) -> np.ndarray:
