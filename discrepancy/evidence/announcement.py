@@ -46,8 +46,20 @@ class Announcement:
     unconfirmed: list[str] = field(default_factory=list, init=False)
 
     def of(self, best: TriedModel) -> TriedModel:
-        """Return what remains of the best model: the answer."""
-        return self._beside_unknown_law(self._confirmed(self._kept_by_prediction(best)))
+        """Return what remains of the best model: the answer.
+
+        Where the records held out refuse one of its effects, another model that the evidence holds for as good is asked
+        in its place, and stands if all of it passes.
+        """
+        as_good = [m for m in self._tried.ranked() if m.total >= best.total - POLICY.improvement and m is not best]
+        kept = self._kept_by_prediction(best)
+        answer = self._confirmed(kept)
+        for other in as_good if answer is not kept else ():
+            if other.key and self._kept_by_prediction(other) is other and self._confirmed(other) is other:
+                answer = other
+                self.unconfirmed.clear()
+                break
+        return self._beside_unknown_law(answer)
 
     @property
     def _tried(self) -> TriedModels:

@@ -68,6 +68,8 @@ class TriedModel:
         The model that it was made of.
     p_value : float
         Family-wise probability that chance gives a candidate the score of the new effect.
+    promised : float
+        By how much the score of its new effect says that the log evidence rises; minus infinity where none says so.
     outcome : str
         Why it was taken or not.
     proposals : Proposals or None
@@ -99,6 +101,7 @@ class TriedModel:
     move: str = "start"
     parent: tuple[str, ...] | None = None
     p_value: float = 1.0
+    promised: float = -math.inf
     outcome: str = ""
     proposals: Proposals | None = None
     expanded: bool = False

@@ -121,8 +121,8 @@ def posterior(
     Notes
     -----
     A model with an effect that would not matter (it makes no prediction of records left out better) counts as the
-    model that it was made of, and so do those that change the same.  Where nothing was found, a model that only the
-    records held out did not confirm keeps its probability: the evidence of all other records is for it.
+    model that it was made of, and so do those that change the same.  A model that only the records held out did not
+    confirm keeps its probability, unless the answer is a part of it: the evidence of all other records is for it.
     """
     weights = {k: _Weight(m.total - m.log_odds, m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)}
     weights |= _twin_models(weights, proposals, final)
@@ -191,7 +191,7 @@ def _of_what_matters(
         model = models.get(weights[key].of)
         passed: set[tuple[str, ...]] = set()
         while model is not None and not model.matters and key != taken and model.key not in passed:
-            if model.unconfirmed and not found:
+            if model.unconfirmed and not (found and set(found) < set(model.key)):
                 break
             passed.add(model.key)
             other = model.counts_for if model.counts_for is not None else model.parent
@@ -275,7 +275,7 @@ def rivals_of(
     weights = {
         k: _Weight(m.total - m.log_odds, m.log_odds, k)
         for k, m in models.items()
-        if math.isfinite(m.total) and (m.matters or m is best)
+        if math.isfinite(m.total) and (m.matters or m.unconfirmed or m is best)
     }
     fitted = set(weights)
     weights |= _twin_models(weights, proposals, final)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -171,6 +171,9 @@ class Proposals:
     instead : tuple of tuple of ScoredCandidate
         Those, one or two at once, that do best what the latent processes of the noise do; they are fitted whatever
         their gain.
+    if_none_random : tuple of ScoredCandidate
+        Where dry friction holds the machine at times: those that do best if no force is random.  They are fitted
+        whatever their gain.
     refused : tuple of (Entry, str)
     owned : mapping of str to str
         Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
@@ -183,6 +186,7 @@ class Proposals:
     scan: ScanResult
     candidates: tuple[ScoredCandidate, ...]
     instead: tuple[tuple[ScoredCandidate, ...], ...]
+    if_none_random: tuple[ScoredCandidate, ...]
     refused: tuple[tuple[Entry, str], ...]
     owned: Mapping[str, str]
     alike: Mapping[str, frozenset[str]]
@@ -196,21 +200,16 @@ class Proposals:
         """Return the candidates to fit in full: the best of those that differ in what they change.
 
         One that cannot pay for its name, chosen among so many, is not worth a fit.  Where dry friction holds a part of
-        the machine the best steady force is fitted as well.
+        the machine, its motion is not that of the linearised problem, and the random forces there make up for that:
+        the best steady force is fitted as well, and what is best if no force is random.
         """
         price = math.log(max(len(self.candidates), 1))
-        chosen: list[ScoredCandidate] = []
-        for c in self.candidates:
-            if c.gain <= price or len(chosen) == POLICY.refits:
-                break
-            if not np.any(c.expected_strength):
-                continue
-            if not any(_same(c, o) for o in chosen):
-                chosen.append(c)
+        chosen = list(_differing((c for c in self.candidates if c.gain > price), POLICY.refits))
         steady = [c for c in self.candidates if c.kind in STEADY and np.any(c.expected_strength)]
         if self.sticks and steady and steady[0] not in chosen:
             chosen.append(steady[0])
-        return chosen
+        names = {c.name for c in chosen}
+        return [*chosen, *(c for c in self.if_none_random if c.name not in names)]
 
     def twins(self, name: str) -> list[ScoredCandidate]:
         """Return the candidates that change the same as another, in the direction that the residual asks for."""
@@ -278,7 +277,7 @@ def propose(
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, scoring.white, POLICY.same_direction)
     scorings = [scoring, *_scoring_beside_leading(likelihood, scoring, progress)]
-    instead = _in_place_of_random(likelihood, scoring, progress)
+    instead, if_none_random = _in_place_of_random(likelihood, scoring, progress)
     owned = same_law | _owned(scorings, likeness)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
     # the direction decides what is alike: one metric for all
@@ -292,6 +291,7 @@ def propose(
         scan=result,
         candidates=tuple(candidates),
         instead=instead,
+        if_none_random=if_none_random if sticks else (),
         refused=tuple(refused),
         owned=owned,
         alike=alike,
@@ -436,8 +436,8 @@ def gain_of_both(one: np.ndarray, other: np.ndarray, residual: np.ndarray) -> fl
 
 def _in_place_of_random(
     likelihood: StageLikelihood, own: _Scoring, progress: Callable[[str], None]
-) -> tuple[tuple[ScoredCandidate, ...], ...]:
-    """Return the candidates, or pairs, that do what the latent processes of the noise do.
+) -> tuple[tuple[tuple[ScoredCandidate, ...], ...], tuple[ScoredCandidate, ...]]:
+    """Return the candidates, or pairs, that do what the latent processes of the noise do, and those best without any.
 
     They are sought without each of the processes, and without all of them, and come in turns: the best for each, the
     second best, and so on.  A candidate must regain the usual share, less the error of a linear gain; two at once are
@@ -452,6 +452,7 @@ def _in_place_of_random(
     fewer = [tuple(q for q in model.processes if q is not process) for process in model.processes]
     at_best_shapes = [c.at_one_shape for c in own.ranked]
     losses: list[tuple[float, list[tuple[ScoredCandidate, ...]]]] = []
+    best_without: list[ScoredCandidate] = []
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
         progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
@@ -460,6 +461,7 @@ def _in_place_of_random(
         singles = [(c,) for c in without.able if 1.0 - c.gain / lost > REGAINED * (1.0 - POLICY.linear_error)]
         pair, gain = without.likeliest_pair if not singles else ((), -math.inf)
         losses.append((lost, [pair] if 1.0 - gain / lost > REGAINED else singles))
+        best_without = without.able if not processes else []
     # in turns: the best for each set of processes first
     by_loss = [explanations for _, explanations in sorted(losses, key=lambda t: t[0])]
     leaders: list[tuple[ScoredCandidate, ...]] = []
@@ -470,7 +472,19 @@ def _in_place_of_random(
     slow = [q for q in model.processes if q.memory > LONG_MEMORY * likelihood.duration]
     means = {f"{kind}@{q.where}" for q in slow for kind in MEANS}
     steady = [(c,) for c in own.ranked if c.name in means and np.any(c.expected_strength)]
-    return (*leaders, *(each for each in steady if not any(_do_the_same(each, other) for other in leaders)))
+    instead = (*leaders, *(each for each in steady if not any(_do_the_same(each, other) for other in leaders)))
+    return instead, _differing(best_without, POLICY.rivals)
+
+
+def _differing(candidates: Iterable[ScoredCandidate], most: int) -> tuple[ScoredCandidate, ...]:
+    """Return the first so many candidates that are strong at all and differ in what they change."""
+    chosen: list[ScoredCandidate] = []
+    for c in candidates:
+        if len(chosen) == most:
+            break
+        if np.any(c.expected_strength) and not any(_same(c, other) for other in chosen):
+            chosen.append(c)
+    return tuple(chosen)
 
 
 def _do_the_same(one: Sequence[ScoredCandidate], other: Sequence[ScoredCandidate]) -> bool:

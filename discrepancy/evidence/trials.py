@@ -61,6 +61,7 @@ class Trials:
             proposal, p_value = offer
             model = self._trial(proposal, parent, look=look, first=not done)
             model.p_value = p_value
+            model.promised = proposal.promised if math.isfinite(proposal.promised) else -math.inf
             done.append(model)
             return model
 

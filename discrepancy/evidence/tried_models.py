@@ -246,7 +246,8 @@ def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
     ----------
     model, parent : TriedModel
     wander : float
-        Nats by which evidence changes with the linearisation: an effect must raise it by more.
+        Nats by which evidence changes with the linearisation: an effect must raise it by more, unless its score, for
+        which both models are linearised alike, promises enough.
     """
     if not model.in_full:
         model.better, model.outcome = False, "not fitted: far below the best model where the fit would begin"
@@ -256,7 +257,7 @@ def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
     more = len(model.stage.effects) > len(parent.stage.effects) and model.move != "name a curve"
     if gain <= (POLICY.improvement if more else 0.0):
         model.better, model.outcome = False, "not better"
-    elif more and gain <= wander:
+    elif more and gain <= wander and model.promised <= POLICY.reach:
         model.better, model.outcome = False, f"better by less than another linearisation changes ({wander:.1f} nats)"
     elif more and (why := moves.why_irrelevant(model, parent)):
         model.refuse(f"better, but {why}")
