@@ -360,8 +360,8 @@ def _price_of_a_process(linearised: LinearisedProblem) -> float:
     """Return the nats by which a latent process must raise the likelihood; those at a standstill are not counted."""
     acting = what_may_act(linearised)
     octaves = _frequencies(linearised).size
-    rich = len(acting.connections) + len(acting.states) + len(linearised.residual().channels)
-    offered = rich * (MEMORIES + octaves) + len(acting.inputs)
+    forces, outputs = len(acting.connections) + len(acting.states), len(linearised.residual().channels)
+    offered = forces * (2 * MEMORIES + octaves) + outputs * (MEMORIES + octaves) + len(acting.inputs)
     return PROCESS_PRICE + float(np.log(offered))
 
 
@@ -422,6 +422,8 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
                 in_rate=where in states,
             )
             candidates += _with_spectra(slow, own, () if still else frequencies)
+            if not still and where not in inputs:
+                candidates += [replace(slow, memory=float(m), smooth=True) for m in own]
     for c, name in enumerate(linearised.residual().channels):
         slow = Process(where=name, source=-1, channel=c, memory=1.0, std=float(noise[c]))
         candidates += _with_spectra(slow, memories[1:], frequencies)

@@ -37,7 +37,14 @@ def _state_rows(phi, g0, g1, source, partner, along, turn, k, A):  # type: ignor
                 A[i, n + partner[j]] += turn[k, j] * g1[k, i, v]
 
 
-@njit_kept(calls=(_output_rows, _state_rows), nogil=True)
+@njit(nogil=True, inline="always")
+def _driven_together(partner, along, turn, variance, k, j):  # type: ignore[no-untyped-def]
+    """Return the covariance of what drives a process to the next sample with what drives its partner."""
+    o = partner[j]
+    return -variance[j] * (along[k, j] * turn[k, o] + turn[k, j] * along[k, o])
+
+
+@njit_kept(calls=(_output_rows, _state_rows, _driven_together), nogil=True)
 def covariance_pass(  # type: ignore[no-untyped-def]
     phi, g0, g1, c, d, counts, source, channel, partner, along, turn, variance, noise, gain, root, latent
 ):
@@ -58,7 +65,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     along, turn : ndarray, shape (N - 1, p)
         From one sample to the next a process keeps ``along`` of itself and gains ``turn`` of its partner.
     variance : ndarray, shape (p,)
-        Stationary variance of each process.
+        Stationary variance of each process, the same of partners, which are independent of each other at one time.
     noise : ndarray, shape (n_c, n_c)
         Covariance of the white noise of the outputs.
     gain : ndarray, shape (N, n + p, n_c)
@@ -167,11 +174,17 @@ def covariance_pass(  # type: ignore[no-untyped-def]
                 P[n + j, n + t] = value
                 P[n + t, n + j] = value
             P[n + j, n + j] += variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
+            if partner[j] < j:
+                together = _driven_together(partner, along, turn, variance, k, j)
+                P[n + j, n + partner[j]] += together
+                P[n + partner[j], n + j] += together
         for i in range(n):
             for j in range(p):
                 value = along[k, j] * T[i, n + j] + turn[k, j] * T[i, n + partner[j]]
                 if source[j] >= 0:
                     value += g1[k, i, source[j]] * variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
+                if source[partner[j]] >= 0 and partner[j] != j:
+                    value += g1[k, i, source[partner[j]]] * _driven_together(partner, along, turn, variance, k, j)
                 P[i, n + j] = value
                 P[n + j, i] = value
             for r in range(i + 1):
@@ -190,7 +203,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     return log_det
 
 
-@njit_kept(calls=(_output_rows, _state_rows), nogil=True)
+@njit_kept(calls=(_output_rows, _state_rows, _driven_together), nogil=True)
 def score_pass(  # type: ignore[no-untyped-def]
     phi,
     g0,
@@ -212,6 +225,7 @@ def score_pass(  # type: ignore[no-untyped-def]
     noise,
     first,
     driving,
+    together,
     kept,
     gained,
 ):
@@ -236,6 +250,8 @@ def score_pass(  # type: ignore[no-untyped-def]
         Written: for each process squares minus covariances of its first value.
     driving : ndarray, shape (N - 1, p)
         Written: squares minus covariances of what drives it to the next sample.
+    together : ndarray, shape (N - 1, p)
+        Written: products minus covariances of what drives it and what drives its partner; zero without one.
     kept, gained : ndarray, shape (N - 1, p)
         Written: derivatives by ``along`` and by ``turn``, what drives it held at its variance.
     """
@@ -269,6 +285,21 @@ def score_pass(  # type: ignore[no-untyped-def]
                         for t in range(n):
                             total -= g[i] * g[t] * N[i, t]
                 driving[k, j] = total
+            for j in range(p):
+                o = partner[j]
+                if o < j:
+                    total = -N[n + j, n + o]
+                    for t in range(q):
+                        total += pushed[k, j, t] * pushed[k, o, t]
+                    for i in range(n):
+                        of_one = g1[k, i, source[j]] if source[j] >= 0 else 0.0
+                        of_other = g1[k, i, source[o]] if source[o] >= 0 else 0.0
+                        total -= of_one * N[i, n + o] + of_other * N[i, n + j]
+                        if of_one != 0.0 and source[o] >= 0:
+                            for t in range(n):
+                                total -= of_one * g1[k, t, source[o]] * N[i, t]
+                    together[k, j] = total
+                    together[k, o] = total
             _state_rows(phi, g0, g1, source, partner, along, turn, k, A)
             for s in range(size):  # r = Aᵀ r, N = Aᵀ N A
                 for t in range(q):
@@ -387,11 +418,14 @@ def score_pass(  # type: ignore[no-untyped-def]
         first[j] = total
     for k in range(count - 1):
         for j in range(p):
+            o = partner[j]
             driven = variance[j] * (1.0 - along[k, j] ** 2 - turn[k, j] ** 2)
+            shared = _driven_together(partner, along, turn, variance, k, j) if o != j else 0.0
             for t in range(q):
                 kept[k, j] += pushed[k, j, t] * path[j, t]
-                gained[k, j] += pushed[k, j, t] * path[partner[j], t]
-                path_next[j, t] = along[k, j] * path[j, t] + turn[k, j] * path[partner[j], t] + driven * pushed[k, j, t]
+                gained[k, j] += pushed[k, j, t] * path[o, t]
+                path_next[j, t] = along[k, j] * path[j, t] + turn[k, j] * path[o, t]
+                path_next[j, t] += driven * pushed[k, j, t] + shared * pushed[k, o, t]
         path, path_next = path_next, path
 
 

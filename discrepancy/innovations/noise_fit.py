@@ -585,7 +585,7 @@ def _promising(
 
     Of every place so many processes are fitted.  ``value`` is the likelihood of the model on the thinned records.
     """
-    screened: dict[tuple[int, int, bool], list[tuple[float, NoiseModel]]] = {}
+    screened: dict[tuple[int, int, bool, bool], list[tuple[float, NoiseModel]]] = {}
     for process in candidates:
         screened.setdefault(_place(process), []).append(_likeliest_size(model, value, process, thinned))
     first = [t for at in screened.values() for t in sorted(at, key=lambda t: -t[0])[:per_place]]
@@ -631,9 +631,9 @@ def _without_needless(model: NoiseModel, value: float, price: float, whole: _Obj
     return model, value
 
 
-def _place(process: Process) -> tuple[int, int, bool]:
-    """Return where a process acts, and whether it swings: forces at a standstill have columns of their own."""
-    return process.source, process.channel, process.frequency > 0.0
+def _place(process: Process) -> tuple[int, int, bool, bool]:
+    """Return where a process acts, and how it changes: forces at a standstill have columns of their own."""
+    return process.source, process.channel, process.frequency > 0.0, process.smooth
 
 
 def _with_correlation(model: NoiseModel, whole: _Objective) -> tuple[NoiseModel, float]:

@@ -20,10 +20,11 @@ SWINGS = 0.2  # cycles within the memory of a process, from which it is said to 
 
 @dataclass(frozen=True, kw_only=True)
 class Process:
-    """A random process with an exponential correlation (Ornstein-Uhlenbeck), or one that swings.
+    """A random process with an exponential correlation (Ornstein-Uhlenbeck), one that swings, or a smooth one.
 
     Its covariance is std² · exp(−|τ| / memory) · cos(2π · frequency · τ): with a frequency, the real part of an
-    Ornstein-Uhlenbeck process that turns in the complex plane.
+    Ornstein-Uhlenbeck process that turns in the complex plane.  That of a smooth one, which has a rate of change
+    (Matérn 3/2), is std² · (1 + |τ| / memory) · exp(−|τ| / memory).
 
     Parameters
     ----------
@@ -43,6 +44,8 @@ class Process:
         Whether it is added to the rate of a state.
     frequency : float, Hz
         In the middle of its band; zero: it does not swing.
+    smooth : bool
+        Whether it has a rate of change, as the push of a gust has; one that swings has none.
     """
 
     where: str
@@ -53,6 +56,7 @@ class Process:
     at_standstill: bool = False
     in_rate: bool = False
     frequency: float = 0.0
+    smooth: bool = False
 
     @property
     def swings(self) -> bool:
@@ -71,6 +75,8 @@ class Process:
 class Components(NamedTuple):
     """What the compiled recursions take of processes: one that swings has two components, the second acts nowhere.
 
+    So has a smooth one: the second is minus its rate of change times its memory.
+
     Parameters
     ----------
     owner : ndarray of int, shape (c,)
@@ -80,6 +86,7 @@ class Components(NamedTuple):
     sense : ndarray, shape (c,)
         In which each turns into its partner, ±1.
     variance, memory, frequency : ndarray, shape (c,)
+    smooth : ndarray of bool, shape (c,)
     """
 
     owner: np.ndarray
@@ -90,12 +97,21 @@ class Components(NamedTuple):
     variance: np.ndarray
     memory: np.ndarray
     frequency: np.ndarray
+    smooth: np.ndarray
 
     def transitions(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what each keeps of itself over every step, s, and what it gains of its partner, (N - 1, c) each."""
-        decay = np.exp(-step[:, None] / self.memory)
-        angle = (2.0 * np.pi * self.frequency) * step[:, None]
-        return decay * np.cos(angle), self.sense * decay * np.sin(angle)
+        aged = step[:, None] / self.memory
+        decay, angle = np.exp(-aged), (2.0 * np.pi * self.frequency) * step[:, None]
+        along = np.where(self.smooth, 1.0 - self.sense * aged, np.cos(angle))
+        return decay * along, self.sense * decay * np.where(self.smooth, aged, np.sin(angle))
+
+    def slopes_by_memory(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the same by the logarithms of the memories."""
+        aged = step[:, None] / self.memory
+        along, turn = self.transitions(step)
+        growing = aged * np.exp(-aged)  # of a smooth one, the part that grows with its age falls with its memory
+        return along * aged + self.smooth * self.sense * growing, turn * aged - self.smooth * self.sense * growing
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,7 +137,7 @@ class NoiseModel:
     @cached_property
     def components(self) -> Components:
         """What the recursions take of the processes."""
-        count = [2 if q.frequency > 0.0 else 1 for q in self.processes]
+        count = [2 if q.frequency > 0.0 or q.smooth else 1 for q in self.processes]
         owner = np.repeat(np.arange(len(count)), count)
         begins = np.concatenate([[0], np.cumsum(count, dtype=np.int64)])[owner]
         second = np.arange(owner.size) > begins
@@ -141,6 +157,7 @@ class NoiseModel:
             variance=of([q.std**2 for q in self.processes]),
             memory=of([q.memory for q in self.processes]),
             frequency=of([q.frequency for q in self.processes]),
+            smooth=np.array([q.smooth for q in self.processes], dtype=bool)[owner],
         )
 
     def noise_covariance(self) -> np.ndarray:
@@ -216,7 +233,7 @@ class InnovationWeighting:
         parts, step = self.model.components, np.diff(self.record.time)
         along, turn = self.along, self.turn
         noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(parts.owner.size)
-        driving, kept, gained = (np.zeros(along.shape) for _ in range(3))
+        driving, together, kept, gained = (np.zeros(along.shape) for _ in range(4))
         score_pass(
             *self._filter(),
             parts.variance,
@@ -227,12 +244,21 @@ class InnovationWeighting:
             noise,
             first,
             driving,
+            together,
             kept,
             gained,
         )
-        lasts = along**2 + turn**2  # of the variance, from sample to sample
-        of_std = first + np.sum(driving * (1.0 - lasts), axis=0)
-        of_memory = step @ (kept * along + gained * turn - driving * parts.variance * lasts)
+        # what drives a process to the next sample has the variance 1 - a² - t² over that of the process, and with what
+        # drives its partner the covariance -(a t' + t a'), a' and t' those of the partner
+        along_other, turn_other = along[:, parts.partner], turn[:, parts.partner]
+        new, new_together = 1.0 - along**2 - turn**2, -(along * turn_other + turn * along_other)
+        of_std = first + np.sum(driving * new + together * new_together, axis=0)
+        d_along, d_turn = parts.slopes_by_memory(step)
+        d_new = -2.0 * (along * d_along + turn * d_turn)
+        d_together = -(d_along * turn_other + along * d_turn[:, parts.partner])
+        d_together -= d_turn * along_other + turn * d_along[:, parts.partner]
+        by_driving = 0.5 * parts.variance * (driving * d_new + together * d_together)
+        of_memory = np.sum(kept * d_along + gained * d_turn + by_driving, axis=0)
         of_frequency = step @ (gained * along - kept * turn)
 
         def of_processes(by_component: np.ndarray) -> np.ndarray:
@@ -241,7 +267,7 @@ class InnovationWeighting:
         return Score(
             noise=np.sum(noise * self.model.noise_covariance(), axis=1),
             std=of_processes(of_std * parts.variance),
-            memory=of_processes(of_memory / parts.memory),
+            memory=of_processes(of_memory),
             frequency=of_processes(parts.sense * of_frequency * 2.0 * np.pi * parts.frequency),
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,11 +44,15 @@ def oscillator(count: int) -> LinearRecord:
     )
 
 
-def noise_model(force: float = 0.8, drift: float = 0.002, frequency: float = 0.0) -> NoiseModel:
+#: Forces of first order, that swing, and that have a rate of change.
+FORCES = [{}, {"frequency": 4.0}, {"smooth": True}]
+
+
+def noise_model(force: float = 0.8, drift: float = 0.002, **how: Any) -> NoiseModel:
     return NoiseModel(
         noise=(0.003, 0.02),
         processes=(
-            Process(where="spring", source=0, channel=-1, memory=0.3, std=force, frequency=frequency),
+            Process(where="spring", source=0, channel=-1, memory=0.3, std=force, **how),
             Process(where="position", source=-1, channel=0, memory=0.1, std=drift),
         ),
         correlation=np.array([[1.0, 0.4], [0.4, 1.0]]),
@@ -67,8 +72,8 @@ def dense_covariance(record: LinearRecord, model: NoiseModel) -> np.ndarray:
                 x = record.phi[t] @ x + record.gamma0[t, :, 0] * (t == k) + record.gamma1[t, :, 0] * (t + 1 == k)
     apart = np.abs(record.time[:, None] - record.time[None])
     flat = response.reshape(count * n_c, count)
-    swing = np.cos(2.0 * np.pi * force.frequency * apart)
-    total = flat @ (force.std**2 * np.exp(-apart / force.memory) * swing) @ flat.T
+    kind = 1.0 + apart / force.memory if force.smooth else np.cos(2.0 * np.pi * force.frequency * apart)
+    total = flat @ (force.std**2 * np.exp(-apart / force.memory) * kind) @ flat.T
     total += np.kron(drift.std**2 * np.exp(-apart / drift.memory), np.diag([1.0, 0.0]))
     return total + np.kron(np.eye(count), model.noise_covariance())
 
@@ -93,9 +98,9 @@ def without_unknowns(record: LinearRecord, residual: np.ndarray) -> RecordColumn
     return RecordColumns(record=record, residual=residual, shared=none, own=none, spread=SPREAD)
 
 
-@pytest.mark.parametrize("frequency", [0.0, 4.0])
-def test_the_filter_whitens_as_the_dense_covariance_does(frequency: float) -> None:
-    record, model = oscillator(40), noise_model(frequency=frequency)
+@pytest.mark.parametrize("how", FORCES)
+def test_the_filter_whitens_as_the_dense_covariance_does(how: dict[str, Any]) -> None:
+    record, model = oscillator(40), noise_model(**how)
     covariance = dense_covariance(record, model)
     weighting = innovation_weighting(record, model)
     white = weighting(np.eye(80).reshape(40, 2, 80)).reshape(80, 80)
@@ -123,13 +128,13 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
     assert restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("frequency", [0.0, 4.0])
+@pytest.mark.parametrize("how", FORCES)
 @pytest.mark.parametrize("left_out", [slice(0, 0), slice(20, 31)])
-def test_the_score_is_the_slope_of_the_likelihood(left_out: slice, frequency: float) -> None:
+def test_the_score_is_the_slope_of_the_likelihood(left_out: slice, how: dict[str, Any]) -> None:
     """With correlated noise, a force, a drift, a second record, and unknowns of both sorts."""
     mask = np.zeros(60, dtype=bool)
     mask[left_out] = True
-    record, model = oscillator(60).without(mask), noise_model(frequency=frequency)
+    record, model = oscillator(60).without(mask), noise_model(**how)
     records = [replace(columns_of(record, seed, model), record=record) for seed in (1, 2)]
     prior, offset = np.array([0.01, np.inf]), np.array([0.02, 0.0])
     value, score = restricted_score(records, model, prior, offset)
