@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -65,12 +66,23 @@ def test_others_follow_while_they_become_more_probable(monkeypatch):
     assert models.at_likelier_parameters(likelihood(0.0), evidence(24.0)) is None
 
 
-@pytest.mark.parametrize(("gain", "outcome"), [(17.1, "better"), (16.9, "another linearisation"), (2.0, "not better")])
-def test_an_effect_must_gain_more_than_another_linearisation(monkeypatch, gain, outcome):
+@pytest.mark.parametrize(
+    ("gain", "promised", "outcome"),
+    [
+        (17.1, -math.inf, "better"),
+        (16.9, -math.inf, "another linearisation"),
+        (16.9, POLICY.reach, "another linearisation"),
+        (16.9, POLICY.reach + 0.1, "better"),
+        (2.0, 100.0, "not better"),
+    ],
+)
+def test_an_effect_must_gain_more_than_another_linearisation(monkeypatch, gain, promised, outcome):
+    """Unless its score promises enough, for which both models are linearised alike."""
     monkeypatch.setattr(module.moves, "why_irrelevant", lambda model, parent: "")
     parent = TriedModel(likelihood=likelihood(0.0), key=(), evidence=evidence(0.0))
     model = TriedModel(likelihood=likelihood(0.0), key=("drag@shaft",), evidence=evidence(gain))
     model.likelihood.stage.effects = ("drag@shaft",)  # type: ignore[union-attr]
+    model.promised = promised
     judge(model, parent, 17.0)
     assert outcome in model.outcome
-    assert model.better is (gain > 17.0)
+    assert model.better is (outcome == "better")

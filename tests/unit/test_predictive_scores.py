@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from discrepancy.evidence import predictive
+from discrepancy.evidence.predictive import PredictiveGain
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_fit import RecordColumns
 from discrepancy.innovations.noise_model import NoiseModel
@@ -67,3 +70,72 @@ def test_scores_are_the_density_of_a_block_given_the_others(monkeypatch: pytest.
         density = multivariate_normal(f[rows] @ mean, f[rows] @ covariance @ f[rows].T + NOISE**2 * np.eye(rows.size))
         # the factor of the normal distribution is left out of all scores
         assert score == pytest.approx(density.logpdf(e[rows]) + 0.5 * rows.size * np.log(2.0 * np.pi), abs=1e-3)
+
+
+def calibrated(*, moved: float, std: float = 0.1, held: tuple[str, ...] = (), noise: float = NOISE) -> Any:
+    """Return a model whose records ask for a parameter off its stated value, 0, and for the strength of an effect."""
+    rng = np.random.default_rng(3)
+    t = np.arange(COUNT) / COUNT
+    shared = np.stack([np.sin(9.0 * t), np.cos(5.0 * t)], axis=1)[:, None, :]
+    record = RecordColumns(
+        record=still(COUNT),
+        residual=noise * rng.standard_normal((COUNT, 1)),
+        shared=shared,
+        own=np.zeros((COUNT, 1, 0)),
+        spread=np.ones(1),
+    )
+    effect = SimpleNamespace(
+        strengths={"drag": 1.0}, definition=SimpleNamespace(free_shapes=()), parameter_name=lambda k: f"effect.{k}"
+    )
+    sens = SimpleNamespace(
+        names=["mass", "effect.drag"], prior_std=np.array([std, 5.0]), prior_offset=np.array([-moved, 0.0])
+    )
+    return SimpleNamespace(
+        linearised=SimpleNamespace(sensitivities=lambda: sens),
+        held=held,
+        stage=SimpleNamespace(effects=(effect,)),
+        noise=SimpleNamespace(records=(), model=NoiseModel(noise=(noise,))),
+        columns=([record], sens.prior_std, sens.prior_offset),
+    )
+
+
+def test_the_score_of_stated_values_is_their_density_given_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(predictive, "KEPT", 0.0)
+    monkeypatch.setattr(predictive, "record_columns", lambda linearised, records, held: here.columns)
+    here = calibrated(moved=0.35)
+    (record,), _, _ = here.columns
+    f, e = record.shared[:, 0, :], record.residual[:, 0]
+    covariance = np.linalg.inv(f.T @ f / NOISE**2 + np.diag([0.0, 5.0**-2]))
+    mean = covariance @ f.T @ e / NOISE**2
+    # the stated value lies 0.35 below where the record was linearised; its deviation is 0.1
+    density = multivariate_normal(mean[0] / 0.1, covariance[0, 0] / 0.01 + 1.0)
+    expected = density.logpdf(-3.5) + 0.5 * np.log(2.0 * np.pi)
+    assert predictive.stated_score(here) == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_parameter_at_its_bound_is_scored_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_bound = calibrated(moved=0.35, held=("mass",))
+    (record,), std, offset = at_bound.columns
+    only_strength = [replace(record, shared=record.shared[:, :, 1:])], std[1:], offset[1:]
+    monkeypatch.setattr(predictive, "record_columns", lambda linearised, records, held: only_strength)
+    assert predictive.stated_score(at_bound) == pytest.approx(-0.5 * 3.5**2)
+
+
+@pytest.mark.parametrize(("in_conflict", "stated"), [(True, 50.0), (False, 0.0)])
+def test_stated_values_count_where_only_the_effect_keeps_them(
+    monkeypatch: pytest.MonkeyPatch, in_conflict: bool, stated: float
+) -> None:
+    one, other = calibrated(moved=0.0), calibrated(moved=1.0)
+    for model in (one, other):
+        model.stage.identify = None
+    monkeypatch.setattr(predictive, "needs_prior_conflict", lambda richer, poorer: in_conflict)
+    monkeypatch.setattr(predictive, "predictive_scores", lambda model: np.zeros(8))
+    monkeypatch.setattr(predictive, "stated_score", lambda model: 0.0 if model is one else -50.0)
+    gain = predictive.predictive_gain(one, other)
+    assert gain.stated == stated
+    assert gain.exceeds(1.0) is in_conflict
+
+
+def test_a_gain_that_stated_values_do_not_outweigh_is_none() -> None:
+    assert not PredictiveGain(gain=-60.0, standard_error=5.0, blocks=8, stated=50.0).exceeds(1.0)
+    assert PredictiveGain(gain=-7.0, standard_error=2.0, blocks=8, stated=90.0).exceeds(1.0)

@@ -1,0 +1,74 @@
+"""Where records held out refuse the best model, another that is as good by its evidence is asked."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from discrepancy.evidence.announcement import Announcement
+from discrepancy.evidence.moves import TriedModel
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.posterior import posterior
+from discrepancy.evidence.trials import Trials
+from discrepancy.evidence.tried_models import TriedModels
+
+
+def model(name: str, total: float) -> TriedModel:
+    evidence: Any = SimpleNamespace(total=total, log_odds=0.0)
+    return TriedModel(
+        likelihood=None, key=(name,) if name else (), evidence=evidence, better=True, parent=() if name else None
+    )
+
+
+def asked(monkeypatch: pytest.MonkeyPatch, refused: set[str], **totals: float) -> tuple[Announcement, TriedModel]:
+    """Return what is announced of models of which the records held out refuse some."""
+    state: Any = SimpleNamespace(progress=lambda text: None)
+    tried = TriedModels(state)
+    start = model("", 0.0)
+    tried.models = {m.key: m for m in (start, *(model(name, total) for name, total in totals.items()))}
+    announcement = Announcement(Trials(tried))
+
+    def confirmed(best: TriedModel) -> TriedModel:
+        if not refused & set(best.key):
+            return best
+        best.unconfirmed = True
+        best.refuse("refused", start)
+        announcement.unconfirmed.append(best.name)
+        return start
+
+    monkeypatch.setattr(announcement, "_kept_by_prediction", lambda best: best)
+    monkeypatch.setattr(announcement, "_confirmed", confirmed)
+    monkeypatch.setattr(announcement, "_beside_unknown_law", lambda best: best)
+    return announcement, announcement.of(tried.ranked()[0])
+
+
+@pytest.mark.parametrize(
+    ("refused", "other", "answer"),
+    [
+        ({"rub"}, 99.5, ("drag",)),
+        ({"rub"}, 100.0 - POLICY.improvement - 0.1, ()),
+        ({"rub", "drag"}, 99.5, ()),
+        (set(), 99.5, ("rub",)),
+    ],
+)
+def test_another_as_good_is_asked(monkeypatch, refused, other, answer):
+    announcement, best = asked(monkeypatch, refused, rub=100.0, drag=other)
+    assert best.key == answer
+    assert bool(announcement.unconfirmed) is (answer == ())
+
+
+def test_what_was_refused_keeps_its_probability_beside_the_answer(monkeypatch):
+    announcement, best = asked(monkeypatch, {"rub"}, rub=100.0, drag=100.0)
+    shares = posterior(announcement.trials.tried.models, best.key, None).models
+    assert shares["rub",] == pytest.approx(0.5, abs=1e-9)
+    assert shares["drag",] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_what_the_answer_is_a_part_of_counts_for_the_answer():
+    both, one, start = model("", 100.0), model("drag", 90.0), model("", 0.0)
+    both.key, both.unconfirmed = ("drag", "rub"), True
+    both.refuse("refused", one)
+    models = {m.key: m for m in (start, one, both)}
+    assert posterior(models, one.key, None).models["drag",] == pytest.approx(1.0, abs=1e-9)
