@@ -57,6 +57,7 @@ class RandomForces:
                     "unit": unit,
                     "memory_s": q.memory,
                     "frequency_hz": q.frequency,
+                    "smooth": q.smooth,
                     "at_standstill": q.at_standstill,
                 }
                 for q, unit in self.processes
@@ -86,7 +87,7 @@ def _where_and_how_large(process: Process, unit: str, random: str = "random ") -
 
 def _how_fast(process: Process) -> str:
     if not process.swings:
-        return f"changes within about {_seconds(process.memory)}"
+        return f"changes {'smoothly ' if process.smooth else ''}within about {_seconds(process.memory)}"
     return f"swings at about {quantity_text(process.frequency, 'Hz', 2)}"
 
 
