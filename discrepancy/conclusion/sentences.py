@@ -213,7 +213,8 @@ def _error_reduction(before: Stage, after: Stage) -> str:
             changes.append(f"that of {name} stays at {after_text}")
         else:
             verb = "falls" if b[name] < a[name] else "rises"
-            changes.append(f"that of {name} {verb} from {before_text} to {after_text}")
+            chance = " (so few records show that by chance as well)" if verb == "rises" and part == "validate" else ""
+            changes.append(f"that of {name} {verb} from {before_text} to {after_text}{chance}")
     first, *others = changes
     listed = first.replace("that of", "the error of", 1) + "".join(f", {c}" for c in others)
     return f" With {them} {listed}, {records}."

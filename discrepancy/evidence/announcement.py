@@ -48,18 +48,27 @@ class Announcement:
     def of(self, best: TriedModel) -> TriedModel:
         """Return what remains of the best model: the answer.
 
-        Where the records held out refuse one of its effects, another model that the evidence holds for as good is asked
-        in its place, and stands if all of it passes.
+        Where the records held out refuse one of its effects, what the other records cannot tell from it is asked in its
+        place, and stands if all of it passes.
         """
-        as_good = [m for m in self._tried.ranked() if m.total >= best.total - POLICY.improvement and m is not best]
         kept = self._kept_by_prediction(best)
         answer = self._confirmed(kept)
-        for other in as_good if answer is not kept else ():
-            if other.key and self._kept_by_prediction(other) is other and self._confirmed(other) is other:
+        for other in self._as_good(kept) if answer is not kept else ():
+            if self._kept_by_prediction(other) is other and self._confirmed(other) is other:
                 answer = other
                 self.unconfirmed.clear()
                 break
         return self._beside_unknown_law(answer)
+
+    def _as_good(self, refused: TriedModel) -> list[TriedModel]:
+        """Return the models with a simpler law, or one that changes the same, in place of an effect of another.
+
+        Only those that the evidence holds for as good.
+        """
+        source = self._tried.start.proposals if self._tried.start is not None else None
+        offers = [*self._simplifications(refused), *moves.twins(refused, source)]
+        models = self.trials.fitted_once(refused, offers) if offers else []
+        return [m for m in models if m.likelihood is not None and m.total >= refused.total - POLICY.improvement]
 
     @property
     def _tried(self) -> TriedModels:
@@ -125,6 +134,9 @@ class Announcement:
             models = self.trials.fitted_once(best, moves.drops(best))
             shown = self._tried.as_reported(best)
             worse = self._simulated_worse(shown)
+            if worse and self._is_certain(best, shown):
+                state.progress(f"{best.name}: the larger error of {' and '.join(worse)} may be chance")
+                worse = ()
             weakest: tuple[float, TriedModel, str] | None = None
             for model in models:
                 if model.likelihood is None:
@@ -164,6 +176,21 @@ class Announcement:
     def _simulated_worse(self, stage: Stage) -> tuple[str, ...]:
         """Return the outputs of the records held out whose error a report would show grown since calibration."""
         return simulated_worse(stage, self._tried.as_reported(self._begun_with), POLICY.growth)
+
+    def _is_certain(self, model: TriedModel, shown: Stage) -> bool:
+        """Tell whether the records held out ask for a model although the error of an output is larger with it.
+
+        Its rise must be one that so few records show by chance.
+        """
+        start = self._begun_with
+        assert model.likelihood is not None
+        if start.likelihood is None:
+            return False
+        gain = self._held_out_gain_of_errors(shown, self._tried.as_reported(start))
+        if gain.harms(POLICY.harm, POLICY.simulation_errors):
+            return False
+        score = held_out_gain(self._state.problem, model.likelihood, start.likelihood)
+        return score.exceeds(POLICY.certain_errors)
 
     def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
         if other.validate is None:

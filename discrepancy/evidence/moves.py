@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +40,7 @@ __all__ = [
     "pairs",
     "pairs_in_place_of_random",
     "simplifications",
+    "twins",
     "why_irrelevant",
 ]
 
@@ -250,6 +252,31 @@ def exchanges(model: TriedModel, rivals: Mapping[str, Sequence[Proposal]]) -> li
                 continue
             out.append(Proposal(move="exchange", effects=(*effects[:k], *effects[k + 1 :], new)))
     return out
+
+
+def twins(
+    model: TriedModel, source: Proposals | None, but: Mapping[str, Collection[str]] = MappingProxyType({})
+) -> list[Proposal]:
+    """Return the models with one effect replaced by a candidate that changes the same where the model lacks it.
+
+    Parameters
+    ----------
+    model : TriedModel
+    source : Proposals or None
+        Of the model without the effect, or of a simpler one.
+    but : mapping of str to collection of str
+        Candidates that are left out, for each effect.
+    """
+    if model.likelihood is None or source is None:
+        return []
+    alike = {str(e): source.twins(str(e)) for e in model.stage.effects}
+    return exchanges(
+        model,
+        {
+            name: [proposed_effects(c, ()) for c in same if c.name not in but.get(name, ())]
+            for name, same in alike.items()
+        },
+    )
 
 
 def names_of_curves(model: TriedModel, entries: Sequence[Entry], room: int) -> list[Proposal]:

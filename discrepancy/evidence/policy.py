@@ -57,7 +57,10 @@ class Policy:
     simulation_errors : float
         Standard errors, over the records, that such a share must exceed.
     growth : float
-        Share by which it may grow on all records held out together, by chance or not.
+        Share by which it may grow on all records held out together, by chance or not, unless the model is certain.
+    certain_errors : float
+        Standard errors by which the log predictive score of the records held out must rise for that: what is asked of a
+        discovery in physics.
     predictive_errors : float
         Standard errors by which the log predictive score of records left out must rise with an effect.
     temperature : float
@@ -87,6 +90,7 @@ class Policy:
     harm: float = HARMFUL_SHARE
     simulation_errors: float = SIMULATION_ERRORS
     growth: float = SHOWN_GROWTH
+    certain_errors: float = 5.0
     predictive_errors: float = 1.0
     temperature: float = 3.0
     set_share: float = 0.95

@@ -139,7 +139,7 @@ class EvidenceSearch:
             offers += [(p, 1.0) for p in moves.pairs(proposals, stage)]
         if len(stage.effects) > 1:
             offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
-        offers += [(p, 1.0) for p in moves.exchanges(model, self._told_apart(model, proposals))]
+        offers += [(p, 1.0) for p in self._told_apart(model, proposals)]
         new = [(p, q) for p, q in offers if key_of(p.effects) not in self.tried.models]
         likelihood.free_memory()
         give_back()
@@ -217,21 +217,17 @@ class EvidenceSearch:
             rivals[str(effect)] = [proposed_effects(c, rest) for c in names[: POLICY.rivals]]
         return rivals
 
-    def _told_apart(self, model: TriedModel, proposals: Proposals) -> dict[str, list[Proposal]]:
-        """Return what changed the same as an effect where the model lacked it, and no longer does where it has it.
+    def _told_apart(self, model: TriedModel, proposals: Proposals) -> list[Proposal]:
+        """Return the models with what changed the same as an effect where it was lacking, and beside it no longer does.
 
         It was not fitted then, because a fit of the other told the same.
         """
-        apart: dict[str, list[Proposal]] = {}
-        for effect in model.stage.effects:
-            rest = tuple(e for e in model.stage.effects if e is not effect)
-            source = self.tried.models.get(key_of(rest))
-            if source is None or source.proposals is None:
-                continue
-            alike = proposals.alike.get(str(effect), frozenset())
-            twins = [c for c in source.proposals.twins(str(effect)) if c.name not in alike]
-            apart[str(effect)] = [proposed_effects(c, rest) for c in twins]
-        return apart
+        return [
+            proposal
+            for effect in model.stage.effects
+            if (without := self.tried.models.get(tuple(n for n in model.key if n != key_of([effect])[0]))) is not None
+            for proposal in moves.twins(model, without.proposals, proposals.alike)
+        ]
 
     @staticmethod
     def _reason(model: TriedModel, trials: Sequence[TriedModel]) -> str:

@@ -1,4 +1,4 @@
-"""Where records held out refuse the best model, another that is as good by its evidence is asked."""
+"""Where records held out refuse the best model, one that the other records cannot tell from it is asked."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from discrepancy.evidence import moves
 from discrepancy.evidence.announcement import Announcement
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
@@ -18,7 +19,11 @@ from discrepancy.evidence.tried_models import TriedModels
 def model(name: str, total: float) -> TriedModel:
     evidence: Any = SimpleNamespace(total=total, log_odds=0.0)
     return TriedModel(
-        likelihood=None, key=(name,) if name else (), evidence=evidence, better=True, parent=() if name else None
+        likelihood=SimpleNamespace(),
+        key=(name,) if name else (),
+        evidence=evidence,
+        better=True,
+        parent=() if name else None,
     )
 
 
@@ -38,10 +43,15 @@ def asked(monkeypatch: pytest.MonkeyPatch, refused: set[str], **totals: float) -
         announcement.unconfirmed.append(best.name)
         return start
 
+    best = tried.ranked()[0]
+    others = [m for m in tried.models.values() if m.key and m is not best]
+    monkeypatch.setattr(moves, "twins", lambda model, source: [SimpleNamespace(effects=m.key) for m in others])
+    monkeypatch.setattr(announcement, "_simplifications", lambda model: [])
+    monkeypatch.setattr(announcement.trials, "fitted_once", lambda model, proposals: others)
     monkeypatch.setattr(announcement, "_kept_by_prediction", lambda best: best)
     monkeypatch.setattr(announcement, "_confirmed", confirmed)
     monkeypatch.setattr(announcement, "_beside_unknown_law", lambda best: best)
-    return announcement, announcement.of(tried.ranked()[0])
+    return announcement, announcement.of(best)
 
 
 @pytest.mark.parametrize(
