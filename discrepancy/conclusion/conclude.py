@@ -249,7 +249,8 @@ def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterio
     taken = by_evidence.tried.taken
     final = taken.proposals if taken is not None else None
     unknown = verdict == "unknown effect"
-    return posterior(by_evidence.tried.models, names, asked, final, by_evidence.tried.prior, unknown=unknown)
+    tried = by_evidence.tried
+    return posterior(tried.models, names, asked, final, tried.prior, unknown=unknown, wander=tried.wander)
 
 
 def _accepted_curve(

@@ -188,11 +188,17 @@ class TriedModel:
 # -------------------------------------------------------------------- moves
 
 
-def additions(proposals: Proposals, effects: Sequence[Effect]) -> list[Proposal]:
-    """Return the models with one effect more that are worth a full fit."""
+def additions(proposals: Proposals, effects: Sequence[Effect], *, if_none_random: bool = False) -> list[Proposal]:
+    """Return the models with one effect more that are worth a full fit.
+
+    With ``if_none_random`` so are those that do best if no force is random, where dry friction holds the machine.
+    """
     instead = [_in_place_of_random(c, effects) for (c, *others) in proposals.instead if not others]
     names = {str(p.effects[-1]) for p in instead}
-    return [*instead, *(proposed_effects(c, effects) for c in proposals.ahead() if c.name not in names)]
+    ahead = [c for c in proposals.ahead() if c.name not in names]
+    names |= {c.name for c in ahead}
+    bare = [c for c in proposals.if_none_random if if_none_random and c.name not in names]
+    return [*instead, *(proposed_effects(c, effects) for c in (*ahead, *bare))]
 
 
 def pairs_in_place_of_random(proposals: Proposals, effects: Sequence[Effect]) -> list[Proposal]:

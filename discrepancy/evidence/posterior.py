@@ -94,6 +94,7 @@ def posterior(
     prior: ModelPrior | None = None,
     *,
     unknown: bool = False,
+    wander: float = 0.0,
     temperature: float = POLICY.temperature,
 ) -> Posterior:
     """Return the probabilities of the models that were tried, and of the effects that were found.
@@ -115,6 +116,8 @@ def posterior(
     unknown : bool
         Whether the model that was taken fails its predictive checks: what it leaves of the probability of "nothing" is
         then that of "unknown".
+    wander : float
+        Nats by which evidence changes with the linearisation; what models with effects gain less of it counts.
     temperature : float
         Divisor of the log evidence.  What is known before the records are seen is not divided.
 
@@ -124,7 +127,10 @@ def posterior(
     model that it was made of, and so do those that change the same.  A model that only the records held out did not
     confirm keeps its probability, unless the answer is a part of it: the evidence of all other records is for it.
     """
-    weights = {k: _Weight(m.total - m.log_odds, m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)}
+    first = models[()].total if () in models else -math.inf
+    weights = {
+        k: _Weight(_of_records(m, first, wander), m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)
+    }
     weights |= _twin_models(weights, proposals, final)
     weights |= _unknown_laws(weights, models)
     taken = models.get(tuple(sorted(found)))
@@ -137,6 +143,18 @@ def posterior(
     if unknown and not found:
         nothing, of_unknown = 0.0, nothing + of_unknown
     return Posterior(nothing=nothing, unknown=of_unknown, effects=tuple(effects), models=probabilities)
+
+
+def _of_records(model: TriedModel, first: float, wander: float) -> float:
+    """Return the log evidence of a model without its prior odds, that of chance by another linearisation left out.
+
+    Of what a model gains over the first it is the part by which an effect must raise the evidence to be better at all;
+    see `discrepancy.evidence.tried_models.judge`.
+    """
+    data = model.total - model.log_odds
+    if not model.key or model.promised > POLICY.reach or not math.isfinite(first):
+        return data
+    return data - min(wander, max(model.total - first, 0.0))
 
 
 def _probability_of(

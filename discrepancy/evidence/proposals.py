@@ -172,8 +172,8 @@ class Proposals:
         Those, one or two at once, that do best what the latent processes of the noise do; they are fitted whatever
         their gain.
     if_none_random : tuple of ScoredCandidate
-        Where dry friction holds the machine at times: those that do best if no force is random.  They are fitted
-        whatever their gain.
+        Where dry friction holds the machine at times: those that do best if no force is random.  The motion there is
+        not that of the linearised problem, and random forces make up for the difference.
     refused : tuple of (Entry, str)
     owned : mapping of str to str
         Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
@@ -200,16 +200,14 @@ class Proposals:
         """Return the candidates to fit in full: the best of those that differ in what they change.
 
         One that cannot pay for its name, chosen among so many, is not worth a fit.  Where dry friction holds a part of
-        the machine, its motion is not that of the linearised problem, and the random forces there make up for that:
-        the best steady force is fitted as well, and what is best if no force is random.
+        the machine the best steady force is fitted as well.
         """
         price = math.log(max(len(self.candidates), 1))
         chosen = list(_differing((c for c in self.candidates if c.gain > price), POLICY.refits))
         steady = [c for c in self.candidates if c.kind in STEADY and np.any(c.expected_strength)]
         if self.sticks and steady and steady[0] not in chosen:
             chosen.append(steady[0])
-        names = {c.name for c in chosen}
-        return [*chosen, *(c for c in self.if_none_random if c.name not in names)]
+        return chosen
 
     def twins(self, name: str) -> list[ScoredCandidate]:
         """Return the candidates that change the same as another, in the direction that the residual asks for."""

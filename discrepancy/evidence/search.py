@@ -131,7 +131,9 @@ class EvidenceSearch:
         # first what gives a name to what has none: at the time limit the last are left out
         offers = [(p, 1.0) for p in moves.names_of_curves(model, self._entries(stage), room)]
         if room > 0:
-            offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in moves.additions(proposals, stage.effects)]
+            settled = self.tried.wander <= POLICY.reach
+            additions = moves.additions(proposals, stage.effects, if_none_random=settled)
+            offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in additions]
             curves = state.if_simulated("free curves", lambda: self._curves(likelihood))
             offers += curves or []
         if room > 1:

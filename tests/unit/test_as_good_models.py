@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -82,3 +83,25 @@ def test_what_the_answer_is_a_part_of_counts_for_the_answer():
     both.refuse("refused", one)
     models = {m.key: m for m in (start, one, both)}
     assert posterior(models, one.key, None).models["drag",] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gain", "promised", "counts"), [(60.0, -math.inf, 10.0), (40.0, -math.inf, 0.0), (60.0, 60.0, 60.0)]
+)
+def test_what_another_linearisation_changes_is_no_evidence(gain, promised, counts):
+    start, drag = model("", 0.0), model("drag", gain)
+    drag.promised = promised
+    shares = posterior({m.key: m for m in (start, drag)}, (), None, wander=50.0, temperature=1.0).models
+    assert shares["drag",] / shares[()] == pytest.approx(math.exp(counts))
+
+
+def test_the_laws_that_do_best_without_random_forces_are_fitted_once(monkeypatch):
+    def candidate(name: str) -> Any:
+        return SimpleNamespace(name=name)
+
+    monkeypatch.setattr(moves, "proposed_effects", lambda c, effects: c.name)
+    proposals: Any = SimpleNamespace(
+        instead=(), ahead=lambda: [candidate("drag")], if_none_random=(candidate("rub"), candidate("drag"))
+    )
+    assert moves.additions(proposals, ()) == ["drag"]
+    assert moves.additions(proposals, (), if_none_random=True) == ["drag", "rub"]
