@@ -67,5 +67,5 @@ def test_the_mean_of_a_slow_random_force_is_tried(
     own: Any = SimpleNamespace(ranked=ranked, noise=np.ones(1))
     nothing = SimpleNamespace(offset=-100.0, able=[], likeliest_pair=((), -np.inf))
     monkeypatch.setattr(proposals._Scoring, "under", lambda *_: nothing)
-    found = proposals._in_place_of_random(likelihood, own, lambda text: None)
+    found, _ = proposals._in_place_of_random(likelihood, own, lambda text: None)
     assert [c.name for each in found for c in each] == listed
