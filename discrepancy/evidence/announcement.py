@@ -106,9 +106,14 @@ class Announcement:
         return best
 
     def _simplifications(self, best: TriedModel) -> list[Proposal]:
-        """Return the models with a simpler law in the place of another, unless a parameter of the model is that law."""
-        owned = {n for m in self._tried.models.values() if m.proposals is not None for n in m.proposals.owned}
-        return [p for p in moves.simplifications(best) if not owned & {str(e) for e in p.effects}]
+        """Return the models with a simpler law in the place of another, unless a parameter of the model is that law.
+
+        Of the model without effects: the strength of the law in question is a parameter of the others, and does the
+        same.
+        """
+        start = self._tried.start
+        owned = start.proposals.owned if start is not None and start.proposals is not None else {}
+        return [p for p in moves.simplifications(best) if not any(str(e) in owned for e in p.effects)]
 
     @staticmethod
     def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:

@@ -105,3 +105,16 @@ def test_the_laws_that_do_best_without_random_forces_are_fitted_once(monkeypatch
     )
     assert moves.additions(proposals, ()) == ["drag"]
     assert moves.additions(proposals, (), if_none_random=True) == ["drag", "rub"]
+
+
+@pytest.mark.parametrize("owned_at", [(), ("rub",)])
+def test_a_simpler_law_is_asked_unless_the_machine_has_it_as_a_parameter(monkeypatch, owned_at):
+    """Beside a law that contains it, its strength is a parameter of the model: that does not count."""
+    tried = TriedModels(SimpleNamespace())  # type: ignore[arg-type]
+    start, rich = model("", 0.0), model("rub", 100.0)
+    tried.models = {m.key: m for m in (start, rich)}
+    for each in (start, rich):
+        each.proposals = SimpleNamespace(owned={"drag": "rub.forward"} if each.key == owned_at else {})  # type: ignore[assignment]
+    offer = SimpleNamespace(effects=("drag",))
+    monkeypatch.setattr(moves, "simplifications", lambda best: [offer])
+    assert Announcement(Trials(tried))._simplifications(rich) == ([] if owned_at == () else [offer])
