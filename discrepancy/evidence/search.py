@@ -64,6 +64,7 @@ class EvidenceSearch:
         """Extend the best models, keep of the best what predicts better, and make its stages."""
         state = self.state
         start = self.tried.known(state.stage)
+        self._trials.calibrate_again(start)
         while (model := self._next()) is not None:
             asked = any(m.proposals is not None for m in self.tried.models.values())  # once, whatever the time limit
             if asked and state.out_of_time_for(f"what is missing beside {model.name}"):

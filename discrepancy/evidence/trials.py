@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -164,6 +164,23 @@ class Trials:
         self._state.progress(f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values")
         other.likelihood, other.evidence, other.at_likeliest = likelihood, evidence, likelier is not None
         return True
+
+    def calibrate_again(self, model: TriedModel) -> bool:
+        """Fit a model once more where its likeliest parameters have the smaller misfit; tell whether that is better.
+
+        Least squares has then ended elsewhere, and a random force that makes up for it hides what is missing.
+        """
+        if model.likelihood is None or model.at_likeliest:
+            return False
+        scale = model.stage.identify.scale
+        try:
+            stage = self._state.moved_to(model.stage, model.likelihood.likeliest_values(), trial=True)
+            if _misfit(stage, scale) >= (1.0 - POLICY.relevance) * _misfit(model.stage, scale):
+                return False
+            there = replace(model, likelihood=model.likelihood.neighbour(stage))
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            return False
+        return self.fit_from(there, model, model.stage.effects)
 
     def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
         """Judge models that were fitted, and let them be among those that were tried."""
