@@ -93,3 +93,33 @@ def test_a_rise_above_what_the_score_promises_is_not_believed(monkeypatch):
     assert "another linearisation" in model.outcome
     kept = fitted(monkeypatch, at_the_fit=-20.0, near_expected=500.0, promised=5.0)
     assert kept.total == -20.0
+
+
+@pytest.mark.parametrize(
+    ("misfit", "at_likeliest", "again"),
+    [
+        (1.0 - 2.0 * POLICY.relevance, False, True),
+        (1.0 - 0.5 * POLICY.relevance, False, False),
+        (0.5, True, False),  # it was moved there on purpose
+    ],
+)
+def test_the_first_model_is_calibrated_again_where_its_likeliest_parameters_fit_better(
+    monkeypatch, misfit, at_likeliest, again
+):
+    def stage_with(square: float) -> Any:
+        return SimpleNamespace(
+            identify=SimpleNamespace(scale={"speed": 2.0}), effects=(), rmse=lambda part: {"speed": 2.0 * square**0.5}
+        )
+
+    there = stage_with(misfit)
+    state: Any = SimpleNamespace(moved_to=lambda stage, values, trial: there)
+    likelihood: Any = SimpleNamespace(
+        stage=stage_with(1.0), likeliest_values=dict, neighbour=lambda stage: SimpleNamespace(stage=stage)
+    )
+    first = TriedModel(likelihood=likelihood, key=(), evidence=None, at_likeliest=at_likeliest)
+    begun: list[Any] = []
+    monkeypatch.setattr(
+        Trials, "fit_from", lambda self, model, other, effects: begun.append((model.stage, other)) or True
+    )
+    assert Trials(TriedModels(state)).calibrate_again(first) is again
+    assert begun == ([(there, first)] if again else [])
