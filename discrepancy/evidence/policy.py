@@ -66,7 +66,8 @@ class Policy:
     temperature : float
         Divisor of log evidence in the probabilities that are shown.  The evidence takes the model for exact but for its
         noise; it never is, so its differences are too large.  Chosen before any case was judged; those judged since ask
-        for 7.3, 3.3, 1.1, 2.3, 1.4 and 1.3, by sets of seeds (docs/method/machines-results.md), for 2.2 in the mean.
+        for 7.3, 3.3, 1.1, 2.3, 1.4, 1.3 and 2.2, by sets of seeds (docs/method/machines-results.md), for 2.2 in the
+        mean.
     set_share, listed : float
         Probability that an effect and the alternatives listed beside it reach together, and the least of one of them.
     tie : float
