@@ -20,6 +20,7 @@ from discrepancy.evidence.unknown_law import UNKNOWN
 from discrepancy.questions.explained_share import explained_share
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
+from discrepancy.statistics.thresholds import SHOWN_GROWTH
 from multibody.base.quantity_text import quantity_text, two_quantities_text
 
 __all__ = [
@@ -213,7 +214,8 @@ def _error_reduction(before: Stage, after: Stage) -> str:
             changes.append(f"that of {name} stays at {after_text}")
         else:
             verb = "falls" if b[name] < a[name] else "rises"
-            chance = " (so few records show that by chance as well)" if verb == "rises" and part == "validate" else ""
+            shows = part == "validate" and b[name] ** 2 > (1.0 + SHOWN_GROWTH) * a[name] ** 2
+            chance = " (which may be chance)" if shows else ""  # else it would not have been announced
             changes.append(f"that of {name} {verb} from {before_text} to {after_text}{chance}")
     first, *others = changes
     listed = first.replace("that of", "the error of", 1) + "".join(f", {c}" for c in others)

@@ -151,6 +151,14 @@ class TriedModel:
         return self._log_weight() > other._log_weight()
 
     @property
+    def promises_enough(self) -> bool:
+        """Whether its score pays for the effect by itself, so that its gain is not that of another linearisation.
+
+        For a score the models with and without the effect are linearised alike.
+        """
+        return self.promised > POLICY.reach
+
+    @property
     def log_weight_with_law(self) -> float:
         """Log weight among the shown probabilities, with what follows the machine's state if that is announced."""
         law = self.unknown_law

@@ -152,7 +152,7 @@ def _of_records(model: TriedModel, first: float, wander: float) -> float:
     see `discrepancy.evidence.tried_models.judge`.
     """
     data = model.total - model.log_odds
-    if not model.key or model.promised > POLICY.reach or not math.isfinite(first):
+    if not model.key or model.promises_enough or not math.isfinite(first):
         return data
     return data - min(wander, max(model.total - first, 0.0))
 

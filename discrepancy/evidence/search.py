@@ -143,7 +143,10 @@ class EvidenceSearch:
         if len(stage.effects) > 1:
             offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
         offers += [(p, 1.0) for p in self._told_apart(model, proposals)]
-        new = [(p, q) for p, q in offers if key_of(p.effects) not in self.tried.models]
+        by_key: dict[tuple[str, ...], tuple[Proposal, float]] = {}
+        for p, q in offers:  # two moves may lead to the same model
+            by_key.setdefault(key_of(p.effects), (p, q))
+        new = [offer for key, offer in by_key.items() if key not in self.tried.models]
         likelihood.free_memory()
         give_back()
         trials = self._trials.fitted(model, new, look=True)

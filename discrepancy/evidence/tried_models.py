@@ -257,7 +257,7 @@ def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
     more = len(model.stage.effects) > len(parent.stage.effects) and model.move != "name a curve"
     if gain <= (POLICY.improvement if more else 0.0):
         model.better, model.outcome = False, "not better"
-    elif more and gain <= wander and model.promised <= POLICY.reach:
+    elif more and gain <= wander and not model.promises_enough:
         model.better, model.outcome = False, f"better by less than another linearisation changes ({wander:.1f} nats)"
     elif more and (why := moves.why_irrelevant(model, parent)):
         model.refuse(f"better, but {why}")

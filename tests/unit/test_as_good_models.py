@@ -118,3 +118,16 @@ def test_a_simpler_law_is_asked_unless_the_machine_has_it_as_a_parameter(monkeyp
     offer = SimpleNamespace(effects=("drag",))
     monkeypatch.setattr(moves, "simplifications", lambda best: [offer])
     assert Announcement(Trials(tried))._simplifications(rich) == ([] if owned_at == () else [offer])
+
+
+def test_what_comes_apart_from_an_effect_is_offered_in_its_place(monkeypatch):
+    """Two delays look alike where neither is in the model; beside one of them a third still does."""
+    names = {"input_delay": ["sensor_delay", "sensor_lag"]}
+    source: Any = SimpleNamespace(twins=lambda name: [SimpleNamespace(name=n) for n in names.get(name, [])])
+    effect = "input_delay"
+    best = model("input_delay", 100.0)
+    best.likelihood = SimpleNamespace(stage=SimpleNamespace(effects=(effect,)))  # type: ignore[assignment]
+    monkeypatch.setattr(moves, "proposed_effects", lambda c, effects: SimpleNamespace(effects=(c.name,)))
+    assert [p.effects for p in moves.twins(best, source)] == [("sensor_delay",), ("sensor_lag",)]
+    assert [p.effects for p in moves.twins(best, source, {"input_delay": {"sensor_lag"}})] == [("sensor_delay",)]
+    assert moves.twins(best, None) == []
