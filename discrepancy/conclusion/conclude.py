@@ -112,6 +112,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         *_prior_conflict_warnings(state, accepted),
         *(n.sentence for n in noisy),
         *feedback_messages(feedback),
+        *state.remarks,
         *([disturbance.sentence] if disturbance is not None else []),
         *(t.sentence for t in trends),
         *warnings_about_effects(stages),

@@ -53,7 +53,7 @@ ALIKE = (
     Alike(("sensor_offset", "constant_force", "input_offset"), "where nothing else fixes the zero"),
     Alike(("sensor_gain", "input_gain", "added_inertia", "torque_constant"), "where one output is measured"),
     Alike(
-        ("sensor_delay", "sensor_lag", "input_delay", "input_lag", "controller_delay"),
+        ("sensor_delay", "sensor_lag", "input_delay", "input_lag"),
         "where signals are slow against it",
     ),
     Alike(("sensor_drift", "friction_drift", "viscous_drift"), "where one record is measured"),

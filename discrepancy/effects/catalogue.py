@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from discrepancy.effects.kinds import Kind, kinds
+from discrepancy.effects.kinds import Kind, kind_named, kinds
 from discrepancy.effects.signal_errors import SignalLag
-from multibody.declare.declarations import Output
+from multibody.declare.declarations import Input, Output, Rotation, State, Translation
 from multibody.model.driving_signals import driving_signals
 
 if TYPE_CHECKING:
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Entry", "catalogue", "has_friction"]
 
-#: What a part has that is a friction: the speed below which dry friction fades, or a friction per speed.
-FRICTION = {"dry friction": ("v_s",), "viscous friction": ("viscous", "damping")}
+#: What a part has that is a friction: the speed below which dry friction fades, or the displacement before it slides,
+#: or a friction per speed.
+FRICTION = {"dry friction": ("v_s", "x_s"), "viscous friction": ("viscous", "damping")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +52,17 @@ class Entry:
         """``kind@where``."""
         return f"{self.kind.name}@{self.where}"
 
+    @property
+    def key(self) -> str:
+        """The name, and the law: a kind may have two at one place."""
+        return f"{self.name}:{self.kind.law}"
+
     def matches(self, pattern: str) -> bool:
         """Tell whether a shell pattern over ``kind`` or ``kind@where`` names this entry (or other names of a place)."""
-        names = [self.where, *(self.place.also if self.place is not None else ())]
-        return fnmatchcase(self.kind.name, pattern) or any(fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names)
+        also = self.place.also if self.place is not None and self.where == self.place.name else ()
+        called = (self.kind.name, *kind_named(self.kind.name).aliases)
+        names = [*called, *(f"{kind}@{where}" for kind in called for where in (self.where, *also))]
+        return any(fnmatchcase(name, pattern) for name in names)
 
 
 def catalogue(
@@ -64,6 +72,7 @@ def catalogue(
     *,
     include: Sequence[str] = ("*",),
     exclude: Sequence[str] = (),
+    every_law: bool = False,
 ) -> list[Entry]:
     """Return every effect that fits the machine's topology and its measured signals.
 
@@ -75,15 +84,19 @@ def catalogue(
         Measured outputs and recorded inputs.
     include, exclude : sequence of str
         Shell patterns over ``kind`` or ``kind@where``.
+    every_law : bool
+        With two entries of one name where a kind has two laws at a place; by default the first.
     """
     entries: list[Entry] = []
     controlled = [
         s for s in driving_signals(system.model) if f"probe.{s}" in system.input_names and not _late(s, system)
     ]
-    for kind in kinds().values():
+    for kind in (form for whole in kinds().values() for form in (whole, *whole.forms)):
         if kind.free_form:
             continue  # offered by `discrepancy.sensitivities.free_curve_scan` where no law is good enough
-        if kind.at == "connection":
+        if kind.needs == "drive":
+            entries += _at_drives(kind, system)
+        elif kind.at == "connection":
             entries += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
         elif kind.at == "parameter":
             entries += _built_in(kind, system)
@@ -93,6 +106,8 @@ def catalogue(
             entries += [Entry(kind=kind, where=name) for name in outputs]
         else:
             entries += [Entry(kind=kind, where=name) for name in inputs]
+    if not every_law:
+        entries = list({e.name: e for e in reversed(entries)}.values())[::-1]
     return [e for e in entries if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
 
 
@@ -114,6 +129,25 @@ def _built_in(kind: Kind, system: System) -> list[Entry]:
                 entries.append(Entry(kind=kind, where=where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
             elif not kind.stated and all(v == 0.0 for v in values):
                 entries.append(Entry(kind=kind, where=where))
+    return entries
+
+
+def _at_drives(kind: Kind, system: System) -> list[Entry]:
+    """Return the parts that drive the machine by a law of their own, such as a controller with its motor in one part.
+
+    Such a part has an input, a state, one flange without inertia, and an output that says its force.
+    """
+    entries = []
+    for place in system.places:
+        if place.second is not None:
+            continue
+        for port in place.first.ports:
+            part = port.component
+            flanges = part.of_kind(Translation | Rotation)  # type: ignore[arg-type]
+            own = f"{port.owner}." if part.of_kind(Input) and part.of_kind(State) and len(flanges) == 1 else ""
+            forces = [n for n, o in part.of_kind(Output).items() if o.unit == place.force_unit]
+            if own and forces and port not in place.first.inertial and own + forces[0] in system.output_names:
+                entries.append(Entry(kind=kind, where=port.owner, place=place, load=own + forces[0]))
     return entries
 
 
@@ -156,11 +190,14 @@ def _temperature_in(system: System) -> str:
 
 
 def _load_at(place: Place, system: System) -> str:
-    """Return the output of a part on the same node that says which force or torque it brings there."""
+    """Return the output of a part on the same node that says which force or torque it brings there.
+
+    What acts between the two sides themselves, a friction that the model has there for instance, does not pass through.
+    """
     unit = place.force_unit
     best = ""
     for port in place.first.ports:
-        if port.owner == place.name or "_friction." in port.owner:
+        if port.owner in (place.name, *place.also) or "_friction." in port.owner:
             continue
         for name, item in port.component.declarations.items():
             if isinstance(item, Output) and item.unit == unit and f"{port.owner}.{name}" in system.output_names:

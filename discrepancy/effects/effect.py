@@ -89,7 +89,8 @@ class Effect:
         kind : str
         place : Place
         **parts
-            Fields of an effect: ``strengths``, ``shape``, ``load``, ``number``, ``over``.
+            Fields of an effect: ``strengths``, ``shape``, ``load``, ``number``, ``over``, and ``where`` if it is not
+            the name of the place.
 
         Raises
         ------
@@ -98,7 +99,7 @@ class Effect:
         ValueError
             If the kind acts on a sensor or an input, or has no strength or parameter of a given name; all faults.
         """
-        definition = kind_named(kind)
+        definition = kind_named(kind).form(connection=True, strengths=parts.get("strengths", ()))
         if definition.at != "connection":
             what = {"sensor": "a sensor", "input": "an input"}.get(definition.at, f"a {definition.at}")
             raise ValueError(
@@ -115,7 +116,7 @@ class Effect:
             raise ValueError(f"{kind} at '{place.name}': {'; '.join(faults)}")
         return cls(
             kind=kind,
-            where=place.name,
+            where=parts.pop("where", place.name),
             strengths={**defaults, **strengths},
             shape={**{k: v for k, v in usual.items() if v is not None}, **shape},
             ports=(place.first_port, place.second_port),
@@ -126,7 +127,7 @@ class Effect:
     @property
     def definition(self) -> Kind:
         """The kind's entry in the catalogue."""
-        return kind_named(self.kind)
+        return kind_named(self.kind).form(connection=bool(self.ports), strengths=self.strengths)
 
     @property
     def component_name(self) -> str:
@@ -275,7 +276,7 @@ def unit_at(system: System, kind: str, where: str) -> str:
         return Effect.at_place(kind, place).unit(entry.strengths[0])
     if entry.at == "parameter":
         return Effect(kind=kind, where=where).unit(entry.strengths[0])
-    if entry.inserted:
-        return "s"
+    if entry.law in ("gain", "delay", "lag"):
+        return "" if entry.law == "gain" else "s"
     signal = system.unit(where)
-    return {"offset": signal, "gain": "", "delay": "s", "lag": "s", "drift": f"{signal}/s"}[entry.law]
+    return {"offset": signal, "drift": f"{signal}/s"}[entry.law]

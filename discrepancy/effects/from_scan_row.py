@@ -91,7 +91,15 @@ def effect_of(entry: Entry, row: Scored, effects: Sequence[Effect], instead_of: 
     if entry.place is None:
         return Effect(kind=kind.name, where=entry.where, strengths=strengths, shape=dict(row.shape), number=number)
     shape = {k: v for k, v in row.shape.items() if k != "amplitude"}
-    effect = Effect.at_place(kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
+    effect = Effect.at_place(
+        kind.name,
+        entry.place,
+        where=entry.where,
+        strengths=strengths,
+        shape=shape,
+        load=entry.load,
+        number=number,
+    )
     for other in instead_of:
         name, value = next(iter(other.strengths.items()))
         unit = other.unit(name)

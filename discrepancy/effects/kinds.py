@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -56,9 +56,9 @@ class Kind:
     linear : bool
         False if the force is not proportional to the strength; the scan then takes a finite-amplitude sensitivity, at
         the strength that the shape names ``amplitude``, or at a small one.
-    needs : {"", "stiffness", "load", "ground", "dry friction", "viscous friction"}
-        What the connection must have: a spring of its own, a force that passes through, the ground on one side with an
-        inertia on the other, or a friction in the model.
+    needs : {"", "stiffness", "load", "drive", "ground", "dry friction", "viscous friction"}
+        What the connection must have: a spring of its own, a force that passes through, a part that drives it and says
+        with which force, the ground on one side with an inertia on the other, or a friction in the model.
     signal : {"", "load", "temperature"}
         Input of the law beside the motion: the load, or a temperature that is in the model.
     elastic : bool or None
@@ -78,6 +78,10 @@ class Kind:
     same_law : tuple of str
         Connections: names of parameters that are, in a component, the strength of the same law.  Where a component at
         the connection has one that is uncertain, the kind is not offered: the value is fitted already.
+    aliases : tuple of str
+        Other names under which the kind is found.
+    forms : tuple of Kind
+        The same effect, under the same name, where it acts elsewhere, or with another law.
     """
 
     name: str
@@ -100,11 +104,12 @@ class Kind:
     stated: bool = False
     signal: str = ""
     same_law: tuple[str, ...] = ()
+    forms: tuple[Kind, ...] = ()
 
     @property
     def law_input(self) -> str:
         """Input of the law beside the motion, or an empty text."""
-        return self.signal or ("load" if self.needs == "load" else "")
+        return self.signal or ("load" if self.needs in ("load", "drive") else "")
 
     @property
     def component_class(self) -> type[Component]:
@@ -127,6 +132,19 @@ class Kind:
             if where.endswith(f".{side}"):
                 return where[: -len(side) - 1], ending
         return where, ""
+
+    def form(self, *, connection: bool, strengths: Iterable[str] = ()) -> Kind:
+        """Return the form of the kind that acts on connections, or on something else, and has these strengths.
+
+        Examples
+        --------
+        >>> late = kind_named("input_delay")
+        >>> [late.form(connection=False, strengths=[s]).at for s in ("delay", "lag")], late.form(connection=True).law
+        (['input', 'signal'], 'LateForce')
+        """
+        given = set(strengths)
+        fitting = (f for f in (self, *self.forms) if (f.at == "connection") == connection and given <= {*f.strengths})
+        return next(fitting, self)
 
     @property
     def inserted(self) -> bool:
@@ -202,7 +220,7 @@ def kinds() -> dict[str, Kind]:
 
 
 def kind_named(name: str) -> Kind:
-    """Return a kind by its name.
+    """Return a kind by its name or one of its aliases.
 
     Raises
     ------
@@ -213,15 +231,43 @@ def kind_named(name: str) -> Kind:
 
     if name not in _KINDS:
         _load_offered()
-    if name not in _KINDS:
+    kind = _KINDS.get(name) or next((k for k in _KINDS.values() if name in k.aliases), None)
+    if kind is None:
         raise KeyError(f"there is no effect '{name}'{nearest(name, _KINDS)}")
-    return _KINDS[name]
+    return kind
 
 
 def _add(rows: Sequence[Kind]) -> None:
     for row in rows:
         register(row)
 
+
+_DRY = _T(
+    "dry (Coulomb) friction",
+    "A resistance of constant size against the motion, whatever the speed; before it slides it may give way a little.",
+    "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
+    "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes.",
+)
+_SPOT = _T(
+    "a tight spot",
+    "More resistance, or a force, at one place of the travel.",
+    "A rail joint, a dent, dirt, a damaged ball or race, a bent screw, a detent, a cable that snags.",
+    "Move slowly over the place by hand or under power and watch the force; look at the rail there.",
+)
+_LATE_INPUT = _T(
+    "an input delay",
+    "The machine receives an input later than it was recorded.",
+    "Bus and computing time of the controller, filters, a digital hold.",
+    "Record command and response of the amplifier together and compare the instants.",
+)
+_LATE_CONTROL = _T(
+    "an input delay",
+    "What a controller or drive gives reaches the machine late.",
+    "Computing time, bus cycles, sample-and-hold (half a period), a filter in the loop, an amplifier or valve that is "
+    "slow.",
+    "Record reference, measurement and output of the loop together and compare a sharp event in them; raise the gain: "
+    "the loop rings at a gain at which the model does not.",
+)
 
 # A table, one block for each kind.
 # fmt: off
@@ -236,11 +282,10 @@ _add([
         "Material damping, joints, rubber elements, rope strands that rub.",
         "Let the machine ring down after a step or knock: the vibration dies faster or slower than the model's."),
         elastic=True, same_law=("viscous", "damping")),
-    Kind(name="coulomb_friction", at="connection", law="Coulomb", strengths=("coulomb",), text=_T(
-        "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
-        "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
-        "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
-        shapes=shape_grids.smooth_sign, free_shapes=("v_s",), one_sided=True, same_law=("coulomb",)),
+    Kind(name="coulomb_friction", at="connection", law="Coulomb", strengths=("coulomb",), text=_DRY,
+        shapes=shape_grids.smooth_sign, free_shapes=("v_s",), one_sided=True, same_law=("coulomb",), forms=(
+        Kind(name="coulomb_friction", at="connection", law="Hysteresis", strengths=("level",), text=_DRY,
+             shapes=shape_grids.small_displacements, free_shapes=("x_s",), one_sided=True, same_law=("coulomb",)),)),
     Kind(name="asymmetric_coulomb_friction", at="connection", law="AsymmetricCoulomb",
          strengths=("forward", "backward"), text=_T(
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
@@ -306,11 +351,10 @@ _add([
         "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
         "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
         shapes=shape_grids.centred, free_shapes=("centre", "half")),
-    Kind(name="local_bump", at="connection", law="Bump", strengths=("level",), text=_T(
-        "a tight spot", "More resistance at one place of the travel.",
-        "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
-        "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
-        shapes=shape_grids.spots, free_shapes=("place", "width", "v_s"), one_sided=True),
+    Kind(name="local_bump", at="connection", law="Bump", strengths=("level",), text=_SPOT,
+        shapes=shape_grids.spots, free_shapes=("place", "width", "v_s"), one_sided=True, forms=(
+        Kind(name="local_bump", at="connection", law="Push", strengths=("push",), text=_SPOT,
+             shapes=shape_grids.pushes, free_shapes=("place", "width")),)),
     Kind(name="end_stop", at="connection", law="EndStop", strengths=("stiffness",), text=_T(
         "an end stop", "A stop or buffer that is met before the end of the travel.",
         "A rubber buffer, a bump stop of a suspension, a cable that is too short, a part that touches the frame.",
@@ -424,21 +468,16 @@ _add([
         "an input gain error", "What reaches the machine differs from what was recorded as input by a fixed share.",
         "Another amplifier gain, torque constant or unit than assumed.",
         "Command two known values and measure at the machine.")),
-    Kind(name="input_delay", at="input", law="delay", strengths=("delay",), text=_T(
-        "an input delay", "The machine receives the input later than it was recorded.",
-        "Bus and computing time of the controller, filters, a digital hold.",
-        "Record command and response of the amplifier together and compare the instants."),
-        one_sided=True),
+    Kind(name="input_delay", at="input", law="delay", strengths=("delay",), text=_LATE_INPUT,
+         one_sided=True, aliases=("controller_delay",), forms=(
+        Kind(name="input_delay", at="signal", law="lag", strengths=("lag",), text=_LATE_CONTROL,
+             shapes=shape_grids.filters, free_shapes=("filter",), one_sided=True),
+        Kind(name="input_delay", at="connection", law="LateForce", strengths=("lag",), text=_LATE_CONTROL,
+             shapes=shape_grids.filters, free_shapes=("filter",), one_sided=True, needs="drive"))),
     Kind(name="input_lag", at="input", law="lag", strengths=("lag",), text=_T(
         "a lag of an input", "What reaches the machine follows the recorded input late and smoothed.",
         "An amplifier or actuator of limited bandwidth, an output filter, a valve that opens slowly.",
         "Record command and response of the amplifier together: the response creeps to its end value."),
-        shapes=shape_grids.filters, free_shapes=("filter",), one_sided=True),
-    Kind(name="controller_delay", at="signal", law="lag", strengths=("lag",), text=_T(
-        "a delay of the controller", "What the controller gives reaches the machine late.",
-        "Computing time, bus cycles, sample-and-hold (half a period), a filter in the loop.",
-        "Record reference, measurement and output of the loop together and compare a sharp event in them; raise the "
-        "gain: the loop rings at a gain at which the model does not."),
         shapes=shape_grids.filters, free_shapes=("filter",), one_sided=True),
     Kind(name="unknown_force", at="connection", law="Curve",
          strengths=tuple(f"curve.y[{k}]" for k in range(17)), text=_T(

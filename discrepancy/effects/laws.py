@@ -227,6 +227,20 @@ class _Bump(DryLaw):
         self.force = -coulomb(self.speed, self.level * math.exp(-s * s), self.v_s)
 
 
+class _Push(Law):
+    """A force at one place of the travel, whichever way it is passed: F = push·exp(−((x − place)/width)²)."""
+
+    push = Parameter(0.0, "F", "force in the middle of the place")
+    place = Parameter(0.0, "X", "middle of the place")
+    width = Parameter(1e-2, "X", "half width at 1/e of the height", min=1e-300)
+    features: ClassVar[dict[str, str]] = {"width": "speed"}
+
+    def equations(self):
+        super().equations()
+        s = (self.a.position - self.b.position - self.place) / self.width
+        self.force = self.push * math.exp(-s * s)
+
+
 class _EndStop(Law):
     """A stop on one side of the travel: F = −side·stiffness·max(side·(x − place), 0)."""
 
@@ -390,6 +404,25 @@ class _WarmStiffness(Law):
         super().equations()
         stretch = self.a.position - self.b.position - self.centre
         self.force = -self.slope * (self.temperature - self.reference) * stretch
+
+
+class _LateForce(Law):
+    """A force that reaches the machine late: F = −(lag/filter)·(load − z), filter·ż = load − z.
+
+    ``load`` is the force as the part gives it; F makes up the difference to the force that arrives, which for
+    lag = 2·filter is the Padé approximation [1/1] of a delay.
+    """
+
+    load = Input("F", "force as the part gives it")
+    lag = Parameter(0.0, "s", "by how much slow changes come late")
+    filter = Parameter(1e-3, "s", "time constant of the filter behind it", min=1e-12)
+    z = State("F", "force behind the filter")
+
+    def equations(self):
+        super().equations()
+        behind = self.load - self.z
+        self.der.z = behind / self.filter
+        self.force = -self.lag / self.filter * behind
 
 
 class _AttachedMass(Law):

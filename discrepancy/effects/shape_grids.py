@@ -107,8 +107,13 @@ def orders(m: MotionRange) -> Shapes:
 
 
 def displacements(m: MotionRange) -> Shapes:
-    """Displacements before sliding, as shares of the travel."""
-    return [{"x_s": f * m.half} for f in (0.003, 0.01, 0.03, 0.1)]
+    """Displacements before sliding that are a part of the travel."""
+    return [{"x_s": f * m.half} for f in (0.03, 0.1)]
+
+
+def small_displacements(m: MotionRange) -> Shapes:
+    """Displacements before sliding up to a hundredth of the travel: of a friction that slides nearly everywhere."""
+    return [{"x_s": f * m.half} for f in (0.001, 0.003, 0.01)]
 
 
 def spring(m: MotionRange) -> Shapes:
@@ -120,6 +125,11 @@ def spring_gap(m: MotionRange) -> Shapes:
     """Plays from a twentieth of the travel up to all of its half, about no force and about the middle."""
     gaps = [f * m.half for f in (0.05, 0.2, 0.5, 1.0)]
     return [{"stiffness": m.scale, "centre": c, "amplitude": gap} for c in (0.0, m.centre) for gap in gaps]
+
+
+def pushes(m: MotionRange) -> Shapes:
+    """Places along the travel as `spots` takes them, of a force that does not turn with the direction."""
+    return [{k: v for k, v in shape.items() if k != "v_s"} for shape in spots(m)]
 
 
 def end_stops(m: MotionRange) -> Shapes:

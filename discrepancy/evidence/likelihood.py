@@ -211,11 +211,16 @@ class StageLikelihood:
     def promise_of_shapes(self) -> float:
         """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""
 
-        def rise(held: Sequence[str]) -> float:
-            columns, std, offset = record_columns(self.linearised, self.noise.records, held)
-            return likeliest_rise(columns, self.noise.model, std, offset)
+        return self._rise(self.stage.identify.at_bound) - self.rise_to_likeliest
 
-        return rise(self.stage.identify.at_bound) - rise(self.held)
+    @cached_property
+    def rise_to_likeliest(self) -> float:
+        """By how many nats the linearised likelihood is larger at its likeliest parameters than where it stands."""
+        return self._rise(self.held)
+
+    def _rise(self, held: Sequence[str]) -> float:
+        columns, std, offset = record_columns(self.linearised, self.noise.records, held)
+        return likeliest_rise(columns, self.noise.model, std, offset)
 
     @cached_property
     def weighted(self) -> LinearisedProblem:

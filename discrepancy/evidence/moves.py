@@ -231,7 +231,7 @@ def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:
     alone = max((c.gain for c in proposals.candidates), default=0.0)
     # the gain of a single effect has paid for its strength and shape, but not for its name
     cost = 2.0 * POLICY.effect_cost + math.log(max(len(proposals.candidates), 1))
-    entries = {e.name: e for e in entries_of(stage)}
+    entries = {e.name: e for e in entries_of(stage)} | {c.name: c.entry for c in proposals.candidates}
     chosen: list[Proposal] = []
     kept: list[Pair] = []
     for pair in scores.masking():

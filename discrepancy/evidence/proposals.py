@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,7 +69,8 @@ LONG_MEMORY = 0.1
 def entries_of(stage: Stage, include: Sequence[str] = ("*",), exclude: Sequence[str] = ()) -> list[Entry]:
     """Return the catalogue of a stage's machine."""
     experiment = stage.identify.fits[0].experiment
-    return catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    signals = experiment.outputs, experiment.inputs
+    return catalogue(stage.system, *signals, include=include, exclude=exclude, every_law=True)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,6 +90,8 @@ class ScoredCandidate:
         Orthonormal: what it changes that calibration cannot.
     noise : NoiseModel or None
         Under which it was scored.
+    other_law : ScoredCandidate or None
+        The same kind at the same place with another law, if it has one that may do as well.
     """
 
     candidate: Candidate
@@ -96,6 +100,7 @@ class ScoredCandidate:
     gain: float
     direction: np.ndarray
     noise: NoiseModel | None = None
+    other_law: ScoredCandidate | None = None
 
     @property
     def name(self) -> str:
@@ -140,6 +145,8 @@ class Proposal:
         Of the model that is proposed.
     starts : tuple of tuple of Effect
         Further sets of values from which the fit may begin.
+    laws : tuple of tuple of Effect
+        The same effects with other laws: each is fitted, and the best is kept.
     noise : NoiseModel or None
         From which the fit of the noise begins; None: from that of the model that is extended.
     new_noise : bool
@@ -152,6 +159,7 @@ class Proposal:
     move: str
     effects: tuple[Effect, ...]
     starts: tuple[tuple[Effect, ...], ...] = ()
+    laws: tuple[tuple[Effect, ...], ...] = ()
     noise: NoiseModel | None = None
     new_noise: bool = False
     promised: float = math.inf
@@ -260,7 +268,7 @@ def propose(
     progress(f"scores of {count_text(len(raw), 'candidate')}")
     residual, sens = problem.residual(), problem.sensitivities()
     noise = noise_floor(plain)
-    scoring = _Scoring.of(problem, raw, noise, likelihood.noise.model)
+    scoring = _Scoring.of(problem, raw, noise, likelihood.noise.model).with_one_law_each()
     result = scan(
         residual,
         sens,
@@ -283,7 +291,8 @@ def propose(
     best: dict[str, ScoredCandidate] = {}
     for c in (c for s in scorings for c in s.ranked if c.name not in owned):
         if c.name not in best or c.gain > best[c.name].gain:
-            best[c.name] = replace(c, direction=directions.get(c.name, c.direction))
+            other = scoring.other_laws.get(c.name)
+            best[c.name] = replace(c, direction=directions.get(c.name, c.direction), other_law=other)
     candidates = sorted(best.values(), key=lambda c: -c.gain)
     return Proposals(
         scan=result,
@@ -324,6 +333,8 @@ class _Scoring:
     model : NoiseModel
     offset : float
         Log evidence of the stage with that noise over that with its own, both without a candidate.
+    other_laws : mapping of str to ScoredCandidate
+        Of the kinds that have two laws at a place, by name, the one that is not among the candidates.
     """
 
     problem: LinearisedProblem
@@ -333,6 +344,7 @@ class _Scoring:
     scored: WhitenedProblem
     model: NoiseModel
     offset: float
+    other_laws: Mapping[str, ScoredCandidate] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -359,6 +371,24 @@ class _Scoring:
         own = fitted.log_likelihood + log_price(plain, fitted.model)
         problem = plain.weighted_by(replace(fitted, model=model).weighting())
         return cls.of(problem, raw, noise, model, reached - own)
+
+    def with_one_law_each(self) -> _Scoring:
+        """Return the same with the better law of every kind that has two at a place."""
+        count = Counter(c.name for c in self.raw)
+        if max(count.values(), default=0) <= 1:
+            return self
+        best = {c.name: c for c in reversed(self.raw)} | {c.name: c.candidate for c in reversed(self.ranked)}
+        kept = [k for k, c in enumerate(self.raw) if count[c.name] == 1 or best[c.name] is c]
+        white = [self.white[k] for k in kept]
+        scored = _scored(self.problem, self.problem.sensitivities(), white)
+        gains = {c.name: c.gain for c in reversed(self.ranked)}
+        other = {
+            c.name: c
+            for c in self.ranked
+            if best[c.name] is not c.candidate and c.gain > gains[c.name] - POLICY.error_of_gain(gains[c.name])
+        }
+        raw = [self.raw[k] for k in kept]
+        return replace(self, raw=raw, white=white, scored=scored, other_laws=other)
 
     @cached_property
     def ranked(self) -> list[ScoredCandidate]:
@@ -595,10 +625,12 @@ def proposed_effects(scored: ScoredCandidate, effects: Sequence[Effect]) -> Prop
     if not entry.kind.linear:
         sizes = {float(s["amplitude"]) for s in scored.candidate.shapes if s.get("amplitude", 0.0) > 0.0}
         starts = [(*kept, replace(expected, strengths=dict.fromkeys(expected.strengths, z))) for z in sorted(sizes)]
+    other = scored.other_law
     return Proposal(
         move="exchange" if simpler else "add",
         effects=(*kept, expected),
         starts=tuple(starts),
+        laws=() if other is None else ((*kept, effect_of(other.entry, other, effects, simpler)),),
         noise=scored.noise,
         promised=scored.gain if entry.kind.linear else math.inf,
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from discrepancy.evidence import moves
 from discrepancy.evidence.announcement import Announcement
 from discrepancy.evidence.criterion import ModelPrior
+from discrepancy.evidence.elastic_friction import with_elastic_friction
 from discrepancy.evidence.laws_of_a_curve import CurveLaws, laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
@@ -65,6 +66,7 @@ class EvidenceSearch:
         state = self.state
         start = self.tried.known(state.stage)
         self._trials.calibrate_again(start)
+        with_elastic_friction(self.tried, start)
         while (model := self._next()) is not None:
             asked = any(m.proposals is not None for m in self.tried.models.values())  # once, whatever the time limit
             if asked and state.out_of_time_for(f"what is missing beside {model.name}"):

@@ -100,14 +100,68 @@ class Trials:
         that fits the force.  So where it gives none, or the evidence is far below what it can be, the model is also
         asked at its likeliest parameters near those of a simpler model and the strengths that are expected beside it.
         """
+        simpler = parent if set(parent.key) < set(model.key) else self.tried.best_within(model.key) or parent
+        for effects in (proposal.effects, *proposal.laws):
+            this = replace(model, likelihood=None, evidence=None)
+            try:
+                self._fit_law(this, replace(proposal, effects=effects), parent, simpler)
+            except (RuntimeError, ModelError, np.linalg.LinAlgError):
+                if not proposal.laws:
+                    raise
+            if this.likelihood is not None and this.total > model.total:
+                model.likelihood, model.evidence, model.at_likeliest = this.likelihood, this.evidence, this.at_likeliest
+            model.outcome = model.outcome or this.outcome
+        if model.likelihood is not None:
+            model.outcome = ""
+            model.likelihood.free_memory()
+
+    def _fit_law(self, model: TriedModel, proposal: Proposal, parent: TriedModel, simpler: TriedModel) -> None:
+        """Fit a model with one law for each of its effects; without a likelihood it has failed."""
+        fit = self._by_likelihood(proposal, parent, simpler) if self.tried.moved else None
+        model.at_likeliest = fit is not None
+        if fit is None:
+            fit = self._by_least_squares(model, proposal, parent, simpler)
+        if fit is not None and math.isfinite(fit[1].total):
+            model.likelihood, model.evidence = self._with_likeliest_shapes(*fit)
+
+    def _by_likelihood(
+        self, proposal: Proposal, parent: TriedModel, simpler: TriedModel
+    ) -> tuple[StageLikelihood, Evidence] | None:
+        """Return a model at its likeliest parameters, from the strengths that are expected; None if it is not there.
+
+        Where models are moved to their likeliest parameters, least squares leads away from them, and takes longer.
+        """
+        best: tuple[StageLikelihood, Evidence] | None = None
+        for effects in (proposal.effects, *proposal.starts):
+            self._state.progress(f"likeliest parameters of {' + '.join(key_of(effects))}")
+            try:
+                way = self.tried.way_to_likeliest(
+                    *self._near_expected(replace(proposal, effects=effects), parent, simpler)
+                )
+            except (RuntimeError, ModelError, np.linalg.LinAlgError):
+                continue
+            total = way.end[1].total
+            if not way.settled and simpler is parent and total - parent.total > most_believed(proposal.promised):
+                continue  # it comes from another linearisation
+            if best is None or total > best[1].total:
+                best = way.end
+        return None if best is None or best[1].total < _least_believed(proposal, parent, simpler) else best
+
+    def _by_least_squares(
+        self, model: TriedModel, proposal: Proposal, parent: TriedModel, simpler: TriedModel
+    ) -> tuple[StageLikelihood, Evidence] | None:
+        """Return a model as least squares fits it, or near the strengths that are expected if that fails."""
         stage = self._best_fit(model, proposal, parent)
         if stage is None and model.outcome:
-            return
-        simpler = parent if set(parent.key) < set(model.key) else self.tried.best_within(model.key) or parent
+            return None
         fit = self._with_noise(stage, proposal, parent) if stage is not None else None
         if fit is None or fit[1].total < _least_believed(proposal, parent, simpler):
             try:
                 there = self._near_expected(proposal, parent, simpler)
+                if simpler is parent and there[1].total - parent.total > most_believed(proposal.promised):
+                    raise RuntimeError(
+                        "the evidence rises far above what the score promises: it comes from another linearisation"
+                    )
             except (RuntimeError, ModelError, np.linalg.LinAlgError):
                 if fit is None:
                     raise
@@ -116,13 +170,10 @@ class Trials:
                     rise = f" {there[1].total - fit[1].total:+.1f}" if fit is not None else ""
                     self._state.progress(f"{model.name}: log evidence{rise} near the strengths that are expected")
                     fit, model.at_likeliest = there, True
-        likelihood, evidence = fit
-        likelier = self.tried.at_likelier_parameters(likelihood, evidence)
+        likelier = self.tried.at_likelier_parameters(*fit)
         if likelier is not None:
-            (likelihood, evidence), model.at_likeliest = likelier, True
-        if math.isfinite(evidence.total):
-            model.likelihood, model.evidence = self._with_likeliest_shapes(likelihood, evidence)
-            model.likelihood.free_memory()
+            fit, model.at_likeliest = likelier, True
+        return fit
 
     def _with_noise(self, stage: Stage, proposal: Proposal, parent: TriedModel) -> tuple[StageLikelihood, Evidence]:
         """Return a fitted model's likelihood, with its noise fitted from that of its parent, and its evidence."""
@@ -151,18 +202,32 @@ class Trials:
         """
         if other.likelihood is None or model.likelihood is None:
             return False
+        if self.tried.moved:
+            return self._moved_from(model, other, effects)
         stage = self._best_fit(other, Proposal(move="drop", effects=effects), model)
         scale = model.stage.identify.scale
         if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
             return False
         likelihood = model.likelihood.neighbour(stage)
-        fit = likelihood, self.tried.evidence_of(likelihood)
-        likelier = self.tried.at_likelier_parameters(*fit)
-        likelihood, evidence = likelier or fit
-        if evidence.total <= other.total:
+        return self._replaced(other, (likelihood, self.tried.evidence_of(likelihood)), at_likeliest=False)
+
+    def _moved_from(self, model: TriedModel, other: TriedModel, effects: tuple[Effect, ...]) -> bool:
+        """Move a model to its likeliest parameters once more, from those of another; tell whether that is better."""
+        assert model.likelihood is not None
+        try:
+            there = model.likelihood.neighbour(self._state.unfitted(other.name, effects, model.stage))
+            way = self.tried.way_to_likeliest(there, self.tried.evidence_of(there))
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
             return False
-        self._state.progress(f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values")
-        other.likelihood, other.evidence, other.at_likeliest = likelihood, evidence, likelier is not None
+        return self._replaced(other, way.end, at_likeliest=True)
+
+    def _replaced(self, other: TriedModel, fit: tuple[StageLikelihood, Evidence], *, at_likeliest: bool) -> bool:
+        """Let a model stand where another fit of it has ended, if it is more probable there; tell whether it is."""
+        rise = fit[1].total - other.total
+        if rise <= (POLICY.improvement if at_likeliest else 0.0):
+            return False
+        self._state.progress(f"{other.name}: log evidence {rise:+.1f} from other start values")
+        (other.likelihood, other.evidence), other.at_likeliest = fit, at_likeliest
         return True
 
     def calibrate_again(self, model: TriedModel) -> bool:
@@ -256,7 +321,7 @@ class Trials:
         Raises
         ------
         RuntimeError
-            If the likeliest strength is none, or the rise of the evidence is that of another linearisation.
+            If the likeliest strength is none.
         """
         assert simpler.likelihood is not None
         name = " + ".join(key_of(proposal.effects))
@@ -265,12 +330,7 @@ class Trials:
         stage = self._state.moved_to(expected, values, trial=True)
         if not all(any(e.strengths.values()) for e in stage.effects):
             raise RuntimeError("a strength is zero: it would act the other way")
-        likelihood, evidence = self._with_noise(stage, proposal, simpler)
-        if simpler is parent and evidence.total - parent.total > most_believed(proposal.promised):
-            raise RuntimeError(
-                "the evidence rises far above what the score promises: it comes from another linearisation"
-            )
-        return likelihood, evidence
+        return self._with_noise(stage, proposal, simpler)
 
     def _with_likeliest_shapes(
         self, likelihood: StageLikelihood, evidence: Evidence

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,36 @@ if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
 
 __all__ = ["TriedModels", "judge"]
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A model on its way to its likeliest parameters: where it began, and after each step.
+
+    Parameters
+    ----------
+    seen : tuple of (StageLikelihood, Evidence)
+    settled : bool
+        Whether it has come so near to the likeliest parameters that another linearisation changes nothing.
+    """
+
+    seen: tuple[tuple[StageLikelihood, Evidence], ...]
+    settled: bool
+
+    @property
+    def changes(self) -> list[float]:
+        """By how much each step changed the log evidence, nats."""
+        return [abs(b[1].total - a[1].total) for a, b in pairwise(self.seen)]
+
+    @property
+    def wander(self) -> float:
+        """Nats by which another linearisation changes the evidence about the likeliest parameters."""
+        return 0.0 if self.settled else max(self.changes[1:], default=0.0)
+
+    @property
+    def end(self) -> tuple[StageLikelihood, Evidence]:
+        """Where the evidence has settled; where it has not, the most probable place."""
+        return self.seen[-1] if self.settled else max(self.seen, key=lambda place: place[1].total)
 
 
 @dataclass(eq=False)
@@ -77,7 +108,7 @@ class TriedModels:
             model = TriedModel(likelihood=likelihood, key=key, evidence=None, outcome="start", better=True)
             self.models[key] = model
             self.refresh(model)
-            self._measure_wander(model)
+            self._settle(model)
         return self.models[key]
 
     def refresh(self, model: TriedModel) -> None:
@@ -108,43 +139,64 @@ class TriedModels:
 
     # ---------------------------------------------------------------- parameters
 
-    def _measure_wander(self, model: TriedModel) -> None:
-        """Measure how much the evidence of the first model changes with its linearisation; move it to the best place.
+    def _settle(self, model: TriedModel) -> None:
+        """Move the first model to its likeliest parameters, and measure how much another linearisation changes there.
 
-        The evidence of a model is that at its largest likelihood, and least squares puts it elsewhere.  A linear
-        problem has the same evidence everywhere, and nearly linear ones have; where dry friction sticks it may differ
-        by hundreds of nats, from step to step as well.
+        The evidence of a model is that about its likeliest parameters, and least squares puts it elsewhere: to it what
+        a random force does is an error like any other, and what the linearised problem says from there is an
+        extrapolation.  A linear problem has the same evidence everywhere, and nearly linear ones have; those stay.
+        Where dry friction sticks the evidence may differ by hundreds of nats, from step to step as well, and the
+        parameters as stated may be the better place to begin.
         """
         assert model.likelihood is not None
+        assert model.evidence is not None
         if not model.likelihood.noise.model.processes or not places_that_stick(model.likelihood.linearised):
             return
-        last, changes = model.total, []
-        for likelihood, evidence in self._steps_to_likeliest(model.likelihood):
-            changes.append(abs(evidence.total - last))
-            if changes[0] <= POLICY.improvement:
-                return
-            last = evidence.total
-            if last > model.total:
-                model.likelihood, model.evidence, model.at_likeliest = likelihood, evidence, True
-        self.wander = max(changes[1:], default=0.0)
-        self.moved = model.at_likeliest or self.wander > POLICY.improvement
-        if changes:
-            self.state.progress(
-                f"{model.name}: another linearisation changes the log evidence by {changes[0]:.1f}, then by up to "
-                f"{self.wander:.1f}"
-            )
+        ways = [self.way_to_likeliest(model.likelihood, model.evidence)]
+        if max(ways[0].changes, default=0.0) <= POLICY.improvement:
+            return
+        stated = {p.name: p.value for p in self.state.problem.uncertain}
+        try:
+            stage = self.state.moved_to(model.stage, model.stage.identify.to_dict() | stated, trial=True)
+            there = model.likelihood.neighbour(stage)
+            ways.append(self.way_to_likeliest(there, self.evidence_of(there)))
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            pass
+        best = max(ways, key=lambda way: way.end[1].total)
+        self.wander, self.moved = best.wander, True
+        model.at_likeliest = best.end[0] is not model.likelihood
+        model.likelihood, model.evidence = best.end
+        self.state.progress(
+            f"{model.name}: the likeliest parameters change the log evidence by {ways[0].changes[0]:.1f}, and another "
+            f"linearisation there by {self.wander:.1f}"
+            + (", from the parameters as stated" if best is not ways[0] else "")
+        )
 
     def at_likelier_parameters(
         self, likelihood: StageLikelihood, evidence: Evidence
     ) -> tuple[StageLikelihood, Evidence] | None:
-        """Return a model at its likeliest parameters, if models are moved there and it is clearly more probable."""
-        best: tuple[StageLikelihood, Evidence] | None = None
-        if self.moved:
-            for there, moved in self._steps_to_likeliest(likelihood):
-                if not moved.total > evidence.total + POLICY.improvement:
-                    break
-                best, evidence = (there, moved), moved
-        return best
+        """Return a model at its likeliest parameters, if models are moved there.
+
+        Where the evidence does not settle the model is returned where it is most probable, if clearly more so.
+        """
+        if not self.moved:
+            return None
+        way = self.way_to_likeliest(likelihood, evidence)
+        return way.end if way.settled or way.end[1].total > evidence.total + POLICY.improvement else None
+
+    def way_to_likeliest(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
+        """Move a model step by step to its likeliest parameters, until it has come near enough.
+
+        That is where a further step raises the linearised likelihood by no more than the evidence may be off: within
+        two and a half standard deviations the linearisation holds.
+        """
+        seen = [(likelihood, evidence)]
+        steps = self._steps_to_likeliest(likelihood)
+        while seen[-1][0].rise_to_likeliest > POLICY.improvement:
+            if (there := next(steps, None)) is None:
+                return Way(tuple(seen), settled=False)
+            seen.append(there)
+        return Way(tuple(seen), settled=True)
 
     def _steps_to_likeliest(self, likelihood: StageLikelihood) -> Iterator[tuple[StageLikelihood, Evidence]]:
         """Move a model to its likeliest parameters, some times, and linearise it there each time."""
@@ -189,7 +241,8 @@ class TriedModels:
         self.refresh(model)
         assert model.evidence is not None
         if (there := self.at_likelier_parameters(model.likelihood, model.evidence)) is not None:
-            model.likelihood, model.evidence, model.at_likeliest = *there, True
+            model.likelihood, model.at_likeliest = there[0].with_richer_noise(), True
+            self.refresh(model)
         if model.parent is not None:
             parent = self.models[model.parent]
             children = [m for m in self.models.values() if m.parent == parent.key and m.likelihood is not None]

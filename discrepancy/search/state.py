@@ -68,6 +68,8 @@ class SearchState:
         Parameters that, outside their stated uncertainty, explain as much as the first effect.
     omnibus : Omnibus, optional
         Whether the residual follows the machine's inputs; tested where no effect was found.
+    remarks : list of str
+        What the search has changed in the model before it asked what is missing.
     unanswered : list of str
         Questions that the latest stage could not answer, because its model could not be simulated for them.
     not_tried : list of str
@@ -94,6 +96,7 @@ class SearchState:
     prior_conflict: PriorConflict | None = field(default=None, kw_only=True)
     omnibus: Omnibus | None = field(default=None, kw_only=True)
     unanswered: list[str] = field(default_factory=list, kw_only=True)
+    remarks: list[str] = field(default_factory=list, kw_only=True)
     not_tried: list[str] = field(default_factory=list, kw_only=True)
 
     def __post_init__(self) -> None:

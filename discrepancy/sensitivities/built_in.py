@@ -38,7 +38,7 @@ def parameter_perturbations(plans: Sequence[Plan], system: System) -> tuple[list
         for k, shape in enumerate(shapes):
             evaluated_at = tuple((f"{owner}.{n}{ending}", float(v)) for n, v in shape.items())
             (others if delays & set(names) else propagated).extend(
-                ((entry.name, k), ParameterPerturbation(n, evaluated_at)) for n in names
+                ((entry.key, k), ParameterPerturbation(n, evaluated_at)) for n in names
             )
     return propagated, others
 

@@ -110,7 +110,7 @@ def candidate_sensitivities(
     candidates: list[Candidate] = []
     far = far_from_machine(linearised)
     for entry, shapes, strengths in plans:
-        by_shape = [sensitivities[entry.name, k] for k in range(len(shapes))]
+        by_shape = [sensitivities[entry.key, k] for k in range(len(shapes))]
         if far and takes_finite_amplitudes(entry):
             if progress is not None:
                 progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
@@ -289,7 +289,7 @@ def _record_sensitivities(
     time = np.array(experiment.record.time)
     for entry, *_ in plans:
         if entry.kind.at not in ("connection", "input", "signal", "parameter"):
-            keep((entry.name, 0), _sensor_sensitivity(experiment, run, time, entry))
+            keep((entry.key, 0), _sensor_sensitivity(experiment, run, time, entry))
     return kept
 
 
@@ -303,7 +303,7 @@ def _by_key(
 
 def _channel(entry: Entry) -> str:
     """Return the input of the model through which an effect acts."""
-    return entry.where if entry.kind.at == "input" else f"probe.{entry.where}"
+    return entry.where if entry.kind.at == "input" else f"probe.{entry.place.name if entry.place else entry.where}"
 
 
 def _input_perturbations(
@@ -323,7 +323,7 @@ def _input_perturbations(
             u = experiment.record.signals[entry.where].values if recorded else run[entry.where]
             forces = ([signal_error(entry.kind.law, time, u, shape.get("filter", 0.0))] for shape in shapes)
         for k, group in enumerate(forces):
-            yield [((entry.name, k), InputPerturbation(channel, force)) for force in group]
+            yield [((entry.key, k), InputPerturbation(channel, force)) for force in group]
 
 
 def forces_along_motion(
@@ -338,9 +338,9 @@ def forces_along_motion(
     assert entry.place is not None
     names = [n for n, _ in entry.place.motion_names()]
     motion = {
-        general: run[f"place.{entry.where}.{own}"]
+        general: run[f"place.{entry.place.name}.{own}"]
         for general, own in zip(MOTION, names, strict=True)
-        if f"place.{entry.where}.{own}" in run
+        if f"place.{entry.place.name}.{own}" in run
     }
     if entry.load:
         motion["load"] = run[entry.load]

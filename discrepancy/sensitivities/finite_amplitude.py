@@ -60,13 +60,13 @@ def force_scale(linearised: LinearisedProblem, entry: Entry) -> float:
     """Return the force or torque that a connection's own motion needs: its inertia there times its acceleration."""
     place = entry.place
     assert place is not None
-    speed = f"place.{entry.where}.{place.motion_names()[1][0]}"
+    speed = f"place.{place.name}.{place.motion_names()[1][0]}"
     largest = 0.0
     for i, experiment in enumerate(linearised.experiments):
         time = np.array(experiment.record.time)
         acceleration = np.gradient(linearised.nominal_outputs(i)[speed], time)
         largest = max(largest, float(np.sqrt(np.mean(acceleration**2))))
-    x, probe = linearised.initial_state(0), linearised.system.index("input", f"probe.{entry.where}")
+    x, probe = linearised.initial_state(0), linearised.system.index("input", f"probe.{place.name}")
     step = linearised.system.jacobian("u", 0.0, x, None, linearised.p)[:, probe]
     slopes = linearised.system.jacobian("x", 0.0, x, None, linearised.p, of="outputs")
     slope = slopes[linearised.system.index("output", speed)]
@@ -101,7 +101,10 @@ def finite_amplitude_sensitivities(
     if scale <= 0.0:
         return []
     name = entry.kind.strengths[0]
-    effect = Effect.at_place(entry.kind.name, entry.place, shape=shapes[0], load=entry.load, number=98)  # type: ignore[arg-type]
+    assert entry.place is not None
+    effect = Effect.at_place(
+        entry.kind.name, entry.place, strengths={name: 0.0}, shape=shapes[0], load=entry.load, number=98
+    )
     try:
         system = effect.added_to(linearised.system.model).build(probes=True, outputs=linearised.experiments[0].outputs)
     except ModelError:

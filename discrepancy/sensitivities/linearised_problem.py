@@ -139,7 +139,7 @@ class LinearisedProblem:
         """Return how far and fast the connection of a catalogue entry moved."""
         place = entry.place
         assert place is not None
-        low, high, speed = _once(self._unweighted, ("range", entry.where), lambda: self._extent(entry))
+        low, high, speed = _once(self._unweighted, ("range", place.name), lambda: self._extent(entry))
         scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
         times = [e.time for e in self.experiments]
         return MotionRange(
@@ -157,8 +157,8 @@ class LinearisedProblem:
         assert entry.place is not None
         names = entry.place.motion_names()
         runs = [self.nominal_outputs(i) for i in range(len(self.experiments))]
-        x = np.concatenate([r[f"place.{entry.where}.{names[0][0]}"] for r in runs])
-        v = np.concatenate([r[f"place.{entry.where}.{names[1][0]}"] for r in runs])
+        x = np.concatenate([r[f"place.{entry.place.name}.{names[0][0]}"] for r in runs])
+        v = np.concatenate([r[f"place.{entry.place.name}.{names[1][0]}"] for r in runs])
         return float(x.min()), float(x.max()), float(np.quantile(np.abs(v), 0.95))
 
     # ---------------------------------------------------------------- residual and sensitivities

@@ -2,22 +2,24 @@
 
 Each law is written once, as the ``resistance`` against the ``speed`` of b relative to a; the pair of flanges
 on which it acts comes from `Sliding` or `Turning`. Dry friction is regularised: ``tanh(speed / v_s)`` stands
-for the sign, so that below about ``v_s`` it creeps where the real contact sticks.
+for the sign, so that below about ``v_s`` it creeps where the real contact sticks; Dahl's law sticks, as a spring.
 """
 
 from __future__ import annotations
 
 from multibody.declare.component import Component
-from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, Translation
+from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, State, Translation
 from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic, stribeck
 
 __all__ = [
     "AsymmetricFriction",
     "CoulombFriction",
+    "DahlFriction",
     "LoadDependentFriction",
     "QuadraticDrag",
     "RotaryAsymmetricFriction",
     "RotaryCoulombFriction",
+    "RotaryDahlFriction",
     "RotaryLoadDependentFriction",
     "RotaryQuadraticDrag",
     "RotaryStribeckFriction",
@@ -97,6 +99,33 @@ class RotaryCoulombFriction(_Coulomb, Turning):
 
     coulomb = Parameter(None, "N*m", "level of dry friction", min=0.0)
     v_s = Parameter(1e-2, "rad/s", "speed below which friction fades (regularisation)", min=1e-12)
+
+
+class _Dahl(Component):
+    def equations(self):
+        super().equations()
+        self.der.z = (self.speed - abs(self.speed) * self.z) / self.x_s
+        self.resistance = self.coulomb * self.z
+
+
+class DahlFriction(_Dahl, Sliding):
+    """Dry friction that gives way elastically before it slides: resistance = coulomb · z, ż = (v − |v|·z) / x_s.
+
+    Its loss counts what the asperities store, and is negative while they spring back.  P. R. Dahl, "A solid friction
+    model", The Aerospace Corporation, TOR-0158(3107-18)-1, 1968.
+    """
+
+    coulomb = Parameter(None, "N", "level of dry friction", min=0.0)
+    x_s = Parameter(1e-5, "m", "displacement before sliding", min=1e-12)
+    z = State("", "deflection of the asperities relative to sliding")
+
+
+class RotaryDahlFriction(_Dahl, Turning):
+    """Dry friction that gives way elastically before it slides; see `DahlFriction`."""
+
+    coulomb = Parameter(None, "N*m", "level of dry friction", min=0.0)
+    x_s = Parameter(1e-4, "rad", "angle before sliding", min=1e-12)
+    z = State("", "deflection of the asperities relative to sliding")
 
 
 class _Asymmetric(Component):

@@ -150,6 +150,10 @@ class ModelGraph:
         self._inputs = {k: entry for k, entry in self._inputs.items() if entry.targets}
         del self._components[name]
 
+    def replace(self, name: str, component: Component) -> None:
+        """Put another component, which has what of the first is connected, in the place of one."""
+        self._components[self.part(name).name] = component
+
     def disconnect(self, endpoint: str) -> None:
         """Remove every connection of an endpoint."""
         self._connections = [ends for ends in self._connections if endpoint not in ends]

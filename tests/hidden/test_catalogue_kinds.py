@@ -339,7 +339,7 @@ CASES = [
     (TANKS, "flow_loss", "pipe", {"quadratic_loss": 3e10}, {}),
     (OVEN, "heat_loss", "plate", {"loss_conductance": 0.4}, {}),
     (OVEN, "radiation_loss", "plate", {"radiation": 3e-9}, {}),
-    (LOOP, "controller_delay", "control.output", {"lag": 8e-3}, {"filter": 4e-3}),
+    (LOOP, "input_delay", "control.output", {"lag": 8e-3}, {"filter": 4e-3}),
 ]
 
 

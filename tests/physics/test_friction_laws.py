@@ -121,3 +121,41 @@ def test_rotary_laws_are_the_same_laws():
     for name in values:
         np.testing.assert_allclose(run[f"Rotary{name}.body.speed"], run[f"{name}.body.velocity"], atol=1e-12)
         assert run[f"{name}.body.velocity"][-1] < 0.45
+
+
+def test_dahl_friction_tends_to_its_level_with_the_way_and_not_with_the_speed():
+    """One way from rest: z = 1 − exp(−s/x_s) at every speed; the stiffness of the beginning is coulomb/x_s."""
+    F, x_s = 3.0, 2e-3
+    for speed in (1e-3, 0.5):
+        model = Model("pulled")
+        pulled = model.add("pulled", library.PositionSource())
+        friction = model.add("friction", library.DahlFriction(coulomb=F, x_s=x_s))
+        model.connect(friction.a, model.ground)
+        model.connect(friction.b, pulled.flange)
+        for signal in ("position", "velocity", "acceleration"):
+            model.input(signal, f"pulled.{signal}", default=0.0)
+        way = np.linspace(0.0, 5.0 * x_s, 21)
+        time = way / speed
+        ramp = {
+            "position": lambda t, speed=speed: speed * t,
+            "velocity": lambda t, speed=speed: speed,
+            "acceleration": lambda t: 0.0,
+        }
+        run = model.build().simulate(time[-1], inputs=ramp, times=time, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(run["friction.resistance"], F * -np.expm1(-way / x_s), atol=1e-6 * F)
+
+
+def test_a_body_on_dahl_friction_rings_about_where_it_stopped_and_loses_its_energy():
+    """It comes to rest without a speed of creep: under a constant force below the level it stands."""
+    model = Model("slope")
+    body = model.add("body", library.Mass(m=M, velocity=0.5))
+    friction = model.add("friction", library.DahlFriction(coulomb=4.0, x_s=1e-4))
+    damper = model.add("damper", library.ViscousFriction(viscous=40.0))
+    pull = model.add("pull", library.ForceSource())
+    model.connect(friction.a, damper.a, model.ground)
+    model.connect(friction.b, damper.b, body.flange, pull.flange)
+    model.input("pull", pull.force, default=2.0)
+    run = model.build().simulate(3.0, times=[2.0, 3.0], rtol=1e-9, atol=1e-12)
+    assert abs(run["body.velocity"][-1]) < 1e-7
+    assert run["body.position"][1] == pytest.approx(run["body.position"][0], abs=1e-9)
+    assert run["friction.resistance"][-1] == pytest.approx(2.0, rel=1e-5)

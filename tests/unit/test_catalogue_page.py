@@ -44,7 +44,7 @@ def test_kinds_that_are_alike_exist_and_each_kind_of_the_page_is_taken_for_somet
     assert {kind.name for kind in module.shown()} - named == set()
 
 
-@pytest.mark.parametrize("kind", ["attached_mass", "sensor_lag", "controller_delay", "turbulent_leakage", "resistance"])
+@pytest.mark.parametrize("kind", ["attached_mass", "sensor_lag", "input_delay", "turbulent_leakage", "resistance"])
 def test_a_picture_is_drawn_from_the_law(module, kind):
     picture = module.kind_picture(kinds()[kind])
     assert picture.startswith("<?xml")

@@ -1,0 +1,138 @@
+"""Dry friction that a model has and that gives way elastically before it slides.
+
+A law that fades with speed creeps where a real contact sticks, and a contact sticks like a spring, over micrometres.
+That is no effect that the machine lacks beside its friction, but how the friction is idealised.  Left to the noise, it
+is a random force that acts while the machine stands still; left to the catalogue, the nearest law would be named for
+it.  So where the records show such a random force, Dahl's law is tried in the place of the model's, and kept if the
+evidence is for it; what is missing is asked of that model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from discrepancy.evidence.criterion import Evidence
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.moves import TriedModel
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.tried_models import TriedModels
+from discrepancy.problem.problem import Problem
+from discrepancy.stages.fit_stage import FittedValues
+from estimation.fit.calibration import UncertainParameter
+from multibody.base.errors import ModelError
+from multibody.base.quantity_text import quantity_text
+from multibody.declare.component import Component
+from multibody.library.friction import CoulombFriction, DahlFriction, RotaryCoulombFriction, RotaryDahlFriction
+
+__all__ = ["with_elastic_friction"]
+
+ELASTIC: dict[type[Component], type[Component]] = {
+    CoulombFriction: DahlFriction,
+    RotaryCoulombFriction: RotaryDahlFriction,
+}
+#: Displacements before sliding that are tried, as shares of half the travel.  Beyond a hundredth it is the effect
+#: `hysteresis`; below a ten-thousandth no record of a motion over the whole travel shows it.
+SHARES = (1e-4, 1e-3, 1e-2)
+
+
+def with_elastic_friction(tried: TriedModels, start: TriedModel) -> None:
+    """Let the dry frictions of the machine be elastic where the evidence of the first model is for it.
+
+    Parameters
+    ----------
+    tried : TriedModels
+        Its state's model, uncertain parameters and latest stage are replaced.
+    start : TriedModel
+        The model that a search begins with, without effects; it is replaced in place.
+    """
+    assert start.likelihood is not None
+    for name, half in _rigid_frictions(tried, start.likelihood):
+        _try(tried, start, name, half)
+
+
+def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tuple[str, float]]:
+    """Return the parts with a law that fades with speed where a random force acts at a standstill, and half travels."""
+    held = {q.where for q in likelihood.noise.model.processes if q.at_standstill}
+    system, linearised = likelihood.stage.system, likelihood.linearised
+    parts = tried.state.given.model.components
+    found = []
+    for place in system.places:
+        position = f"place.{place.name}.{place.motion_names()[0][0]}"
+        for name in (place.name, *place.also):
+            if place.name in held and type(parts.get(name)) in ELASTIC:
+                runs = [linearised.nominal_outputs(i)[position] for i in range(len(linearised.experiments))]
+                low, high = min(float(r.min()) for r in runs), max(float(r.max()) for r in runs)
+                found.append((name, 0.5 * (high - low)))
+    return found
+
+
+def _try(tried: TriedModels, start: TriedModel, name: str, half: float) -> None:
+    state = tried.state
+    assert start.likelihood is not None
+    before = state.given, state.problem
+    state.progress(f"whether {name} gives way before it slides")
+    best: tuple[StageLikelihood, Evidence] | None = None
+    settings = before
+    for share in SHARES:
+        parameter = UncertainParameter(
+            name=f"{name}.x_s", value=share * half, std=share * half, min=0.01 * share * half, unit=""
+        )
+        tried_settings = _elastic(before[0], name, parameter), _elastic(before[1], name, parameter)
+        state.given, state.problem = tried_settings
+        try:
+            there = _there(tried, start, {parameter.name: parameter.value})
+        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            continue
+        if best is None or there[1].total > best[1].total:
+            best, settings = there, tried_settings
+    state.given, state.problem = settings
+    if best is not None:
+        way = tried.way_to_likeliest(*best)
+        rise = way.end[1].total - start.total
+        if rise > POLICY.reach:
+            _keep(tried, start, way.end)
+            size = way.end[0].stage.identify.to_dict()[f"{name}.x_s"]
+            unit = state.given.model.components[name].declarations["x_s"].unit  # type: ignore[attr-defined]
+            state.remarks.append(
+                f"The dry friction '{name}' of the model fades with speed. That of the machine gives way elastically, "
+                f"by about {quantity_text(size, unit, 2)}, before it slides (log evidence {rise:+.0f}). It is "
+                "replaced by Dahl's law, and what is missing was asked of that model."
+            )
+            state.progress(state.remarks[-1])
+            return
+    state.given, state.problem = before
+
+
+def _elastic(problem: Problem, name: str, parameter: UncertainParameter) -> Problem:
+    """Return a problem whose machine has Dahl's law in the place of a friction that fades with speed."""
+    model = problem.model.copy()
+    given = model.components[name]
+    model.replace(name, ELASTIC[type(given)](coulomb=given.values["coulomb"], x_s=parameter.value))
+    return replace(problem, model=model, uncertain=(*problem.uncertain, parameter))
+
+
+def _there(tried: TriedModels, start: TriedModel, more: dict[str, float]) -> tuple[StageLikelihood, Evidence]:
+    """Return the first model with the friction of the state's machine, at its parameters and some more."""
+    assert start.likelihood is not None
+    stage = start.stage
+    values = FittedValues(stage.identify.to_dict() | more, _own(start), stage.identify.scale)
+    other = tried.state.fitted(stage.name, (), None, dict(stage.noise), values=values, trial=True)
+    likelihood = start.likelihood.neighbour(other)
+    return likelihood, tried.evidence_of(likelihood)
+
+
+def _own(model: TriedModel) -> list[np.ndarray]:
+    return [np.array(list(f.own.values())) for f in model.stage.identify.fits]
+
+
+def _keep(tried: TriedModels, start: TriedModel, fit: tuple[StageLikelihood, Evidence]) -> None:
+    """Let the search begin with a fit of another machine."""
+    start.likelihood, start.evidence = fit[0].with_richer_noise(), fit[1]
+    start.at_likeliest = True
+    tried.refresh(start)
+    stage = start.stage
+    tried.state.stages[-1] = tried.state.restored(
+        stage.name, (), stage.identify.to_dict(), _own(start), stage.identify.scale, stage.noise
+    )

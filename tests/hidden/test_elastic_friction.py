@@ -1,0 +1,78 @@
+"""A dry friction that gives way before it slides is how the machine's own friction is, and no effect that is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from plain_machines import RECORDS, low_passed, written
+from scipy.integrate import solve_ivp
+
+from discrepancy.study.study import Study
+
+LEVEL, DISPLACEMENT = 6.0, 4e-4  # N, m
+
+SLIDE = """
+from multibody import Model
+from multibody import library as lib
+
+
+def slide():
+    m = Model("slide")
+    mass = m.add("carriage", lib.Mass(m=2.0))
+    spring = m.add("spring", lib.SpringDamper(stiffness=200.0, damping=8.0))
+    dry = m.add("dry", lib.CoulombFriction(coulomb=5.0, v_s=1e-3))
+    push = m.add("push", lib.ForceSource())
+    m.connect(mass.flange, spring.b, dry.b, push.flange)
+    m.connect(spring.a, dry.a, m.ground)
+    m.input("push.force", push.force)
+    return m
+"""
+
+STUDY = """
+[model]
+build = "models.py:slide"
+
+[uncertain]
+"carriage.m" = { value = 2.0, std = 0.1, min = 0.0 }
+"spring.stiffness" = { value = 200.0, std = 20.0, min = 0.0 }
+"spring.damping" = { value = 8.0, std = 2.0, min = 0.0 }
+"dry.coulomb" = { value = 5.0, std = 1.0, min = 0.0 }
+
+[inputs]
+"push.force" = { column = "force_N" }
+
+[outputs]
+"carriage.position" = { column = "position_m", noise = 1e-5 }
+"carriage.velocity" = { column = "velocity_m_s", noise = 1e-3 }
+"""
+
+
+def slide(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return 20 s at 50 Hz of a carriage on a spring and on Dahl's friction, at rest for a moment at every reversal."""
+    t = np.arange(0.0, 20.0, 0.02)
+    force = 20.0 * np.sin(2.0 * np.pi * t / 4.0 + rng.uniform(0.0, 6.0)) + 8.0 * low_passed(rng, t, 0.5)
+
+    def rates(now, y):
+        x, v, z = y
+        push = np.interp(now, t, force) - 210.0 * x - 7.5 * v - LEVEL * z
+        return [v, push / 2.05, (v - abs(v) * z) / DISPLACEMENT]
+
+    y = solve_ivp(rates, (0.0, t[-1]), np.zeros(3), "LSODA", t, rtol=1e-8, atol=1e-10, max_step=0.02).y
+    return {
+        "time_s": t,
+        "force_N": force,
+        "position_m": y[0] + 1e-5 * rng.standard_normal(t.size),
+        "velocity_m_s": y[1] + 1e-3 * rng.standard_normal(t.size),
+    }
+
+
+def test_friction_that_gives_way_is_taken_into_the_model_and_not_named(tmp_path: Path) -> None:
+    study = Study.from_file(written(tmp_path, SLIDE, slide, STUDY + RECORDS, seed=11))
+    diagnosis = study.diagnose()
+    assert diagnosis.verdict == "nothing missing"
+    assert study.stage.effects == ()
+    fitted = study.stage.identify.to_dict()
+    assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.05
+    assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
+    assert any("'dry'" in w and "gives way elastically" in w for w in diagnosis.warnings)
