@@ -35,6 +35,8 @@ ELASTIC: dict[type[Component], type[Component]] = {
 #: Displacements before sliding that are tried, as shares of half the travel.  Beyond a hundredth it is the effect
 #: `hysteresis`; below a ten-thousandth no record of a motion over the whole travel shows it.
 SHARES = (1e-4, 1e-3, 1e-2)
+#: Share of the displacement that was tried below which the one that is fitted says that nothing gives way.
+SMALLEST = 0.02
 
 
 def with_elastic_friction(tried: TriedModels, start: TriedModel) -> None:
@@ -77,7 +79,7 @@ def _try(tried: TriedModels, start: TriedModel, name: str, half: float) -> None:
     settings = before
     for share in SHARES:
         parameter = UncertainParameter(
-            name=f"{name}.x_s", value=share * half, std=share * half, min=0.01 * share * half, unit=""
+            name=f"{name}.x_s", value=share * half, std=share * half, min=0.5 * SMALLEST * share * half
         )
         tried_settings = _elastic(before[0], name, parameter), _elastic(before[1], name, parameter)
         state.given, state.problem = tried_settings
@@ -91,9 +93,10 @@ def _try(tried: TriedModels, start: TriedModel, name: str, half: float) -> None:
     if best is not None:
         way = tried.way_to_likeliest(*best)
         rise = way.end[1].total - start.total
-        if rise > POLICY.reach:
+        size = way.end[0].stage.identify.to_dict()[f"{name}.x_s"]
+        # at its smallest it is another law that does not give way either, and the rise is that of another linearisation
+        if rise > POLICY.reach and size > SMALLEST * settings[1].uncertain[-1].value:
             _keep(tried, start, way.end)
-            size = way.end[0].stage.identify.to_dict()[f"{name}.x_s"]
             unit = state.given.model.components[name].declarations["x_s"].unit  # type: ignore[attr-defined]
             state.remarks.append(
                 f"The dry friction '{name}' of the model fades with speed. That of the machine gives way elastically, "

@@ -1,4 +1,4 @@
-"""A dry friction that gives way before it slides is how the machine's own friction is, and no effect that is missing."""
+"""Dry friction that gives way before it slides is how the machine's own friction is, and no effect that is missing."""
 
 from __future__ import annotations
 
