@@ -19,23 +19,44 @@ def evidence(total: float) -> Evidence:
     return Evidence(log_likelihood=total, log_prior=0.0, log_odds=0.0)
 
 
-def likelihood(at: float) -> Any:
-    stage = SimpleNamespace(effects=())
+def likelihood(at: float, *, settled: bool = False) -> Any:
+    """Return what stands at a log evidence, and whether a further step would change nothing."""
     return SimpleNamespace(
-        at=at, stage=stage, linearised=None, noise=SimpleNamespace(model=SimpleNamespace(processes=[1]))
+        at=at,
+        stage=SimpleNamespace(effects=(), identify=SimpleNamespace(to_dict=dict)),
+        linearised=None,
+        noise=SimpleNamespace(model=SimpleNamespace(processes=[1])),
+        rise_to_likeliest=0.0 if settled else 2.0 * POLICY.improvement,
+        neighbour=lambda stage: likelihood(stage),
     )
 
 
-def walked(monkeypatch: pytest.MonkeyPatch, *totals: float, sticks: bool = True) -> tuple[TriedModels, TriedModel]:
-    """Let the first model, of log evidence 0, have these ones at its steps to the likeliest parameters."""
-    state: Any = SimpleNamespace(progress=lambda text: None)
+def walked(
+    monkeypatch: pytest.MonkeyPatch,
+    *totals: float,
+    sticks: bool = True,
+    settles: bool = False,
+    stated: float = -math.inf,
+) -> tuple[TriedModels, TriedModel]:
+    """Let the first model, of log evidence 0, have these ones at its steps to the likeliest parameters.
+
+    ``settles`` after the last of them; ``stated`` is the evidence at the parameters as stated.
+    """
+    problem = SimpleNamespace(uncertain=())
+    state: Any = SimpleNamespace(
+        progress=lambda text: None, problem=problem, moved_to=lambda stage, values, trial: stated
+    )
     models = TriedModels(state)
     monkeypatch.setattr(module, "places_that_stick", lambda linearised: [0] if sticks else [])
-    monkeypatch.setattr(
-        TriedModels, "_steps_to_likeliest", lambda self, given: ((likelihood(t), evidence(t)) for t in totals)
-    )
+    monkeypatch.setattr(TriedModels, "evidence_of", lambda self, given: evidence(given.at))
+
+    def steps(self: TriedModels, given: Any) -> Any:
+        last = len(totals) - 1
+        return ((likelihood(t, settled=settles and k == last), evidence(t)) for k, t in enumerate(totals))
+
+    monkeypatch.setattr(TriedModels, "_steps_to_likeliest", steps)
     first = TriedModel(likelihood=likelihood(0.0), key=(), evidence=evidence(0.0))
-    models._measure_wander(first)
+    models._settle(first)
     return models, first
 
 
@@ -46,24 +67,34 @@ def test_the_first_model_stands_where_it_is_most_probable(monkeypatch):
     assert models.wander == 17.0, "the first step leads away from least squares and is not counted"
 
 
-@pytest.mark.parametrize(
-    ("totals", "sticks"),
-    [((0.9 * POLICY.improvement, 30.0), True), ((25.0, 18.0), False), ((), True), ((-7.0, -6.4, -6.6), True)],
-)
+def test_where_the_evidence_settles_it_counts_though_least_squares_seemed_better(monkeypatch):
+    models, first = walked(monkeypatch, -7.0, -6.5, settles=True)
+    assert first.total == -6.5
+    assert first.at_likeliest
+    assert models.wander == 0.0
+
+
+def test_the_parameters_as_stated_may_be_the_better_place_to_begin(monkeypatch):
+    models, first = walked(monkeypatch, 25.0, 18.0, 35.0, stated=200.0)
+    assert first.total == 200.0
+    assert models.moved
+
+
+@pytest.mark.parametrize(("totals", "sticks"), [((0.9 * POLICY.improvement,), True), ((25.0, 18.0), False), ((), True)])
 def test_a_model_that_is_nearly_linear_stays_where_it_was_fitted(monkeypatch, totals, sticks):
-    models, first = walked(monkeypatch, *totals, sticks=sticks)
+    models, first = walked(monkeypatch, *totals, sticks=sticks, settles=True)
     assert first.total == 0.0
     assert not first.at_likeliest
     assert not models.moved
     assert models.at_likelier_parameters(likelihood(0.0), evidence(-100.0)) is None
 
 
-def test_others_follow_while_they_become_more_probable(monkeypatch):
+def test_others_follow_where_they_become_more_probable(monkeypatch):
     models, _ = walked(monkeypatch, 25.0, 18.0, 35.0)
     found = models.at_likelier_parameters(likelihood(0.0), evidence(10.0))
     assert found is not None
-    assert found[1].total == 25.0
-    assert models.at_likelier_parameters(likelihood(0.0), evidence(24.0)) is None
+    assert found[1].total == 35.0
+    assert models.at_likelier_parameters(likelihood(0.0), evidence(34.0)) is None
 
 
 @pytest.mark.parametrize(
