@@ -117,7 +117,7 @@ class Trials:
 
     def _fit_law(self, model: TriedModel, proposal: Proposal, parent: TriedModel, simpler: TriedModel) -> None:
         """Fit a model with one law for each of its effects; without a likelihood it has failed."""
-        fit = self._by_likelihood(proposal, parent, simpler) if self.tried.moved else None
+        fit = self._by_likelihood(proposal, parent, simpler) if self.tried.settled else None
         model.at_likeliest = fit is not None
         if fit is None:
             fit = self._by_least_squares(model, proposal, parent, simpler)
@@ -129,7 +129,7 @@ class Trials:
     ) -> tuple[StageLikelihood, Evidence] | None:
         """Return a model at its likeliest parameters, from the strengths that are expected; None if it is not there.
 
-        Where models are moved to their likeliest parameters, least squares leads away from them, and takes longer.
+        Where the evidence settles at the likeliest parameters, least squares leads away from them, and takes longer.
         """
         best: tuple[StageLikelihood, Evidence] | None = None
         for effects in (proposal.effects, *proposal.starts):
@@ -202,7 +202,7 @@ class Trials:
         """
         if other.likelihood is None or model.likelihood is None:
             return False
-        if self.tried.moved:
+        if self.tried.settled:
             return self._moved_from(model, other, effects)
         stage = self._best_fit(other, Proposal(move="drop", effects=effects), model)
         scale = model.stage.identify.scale

@@ -18,12 +18,12 @@ def place(total: float, rise: float) -> Any:
     return SimpleNamespace(rise_to_likeliest=rise), SimpleNamespace(total=total)
 
 
-def way(first: Any, *steps: Any, moved: bool = True) -> tuple[TriedModels, Way]:
+def way(first: Any, *steps: Any, moved: bool = True, to_the_end: bool = False) -> tuple[TriedModels, Way]:
     state: Any = SimpleNamespace()
     tried = TriedModels(state)
     tried.moved = moved
     tried._steps_to_likeliest = lambda likelihood: iter(steps)  # type: ignore[method-assign]
-    return tried, tried.way_to_likeliest(*first)
+    return tried, tried.way_to_likeliest(*first, to_the_end=to_the_end)
 
 
 def test_a_model_at_its_likeliest_parameters_stays() -> None:
@@ -42,10 +42,15 @@ def test_the_likeliest_parameters_count_also_where_the_extrapolation_to_them_sai
 
 
 def test_where_the_evidence_does_not_settle_the_most_probable_place_counts() -> None:
-    _, there = way(place(100.0, FAR), place(150.0, FAR), place(120.0, FAR), place(140.0, FAR))
+    steps = place(100.0, FAR), place(150.0, FAR), place(120.0, FAR), place(160.0, FAR)
+    _, there = way(*steps)
     assert not there.settled
+    assert there.changes == [50.0, 30.0]  # it has become less probable, and goes no further
     assert there.end[1].total == 150.0
-    assert there.wander == 30.0  # of the steps after the first
+    _, there = way(*steps, to_the_end=True)
+    assert there.changes == [50.0, 30.0, 40.0]
+    assert there.end[1].total == 160.0
+    assert there.wander == 40.0  # of the steps after the first
 
 
 @pytest.mark.parametrize(("moved", "expected"), [(True, 90.0), (False, None)])
