@@ -157,14 +157,14 @@ class TriedModels:
         assert model.evidence is not None
         if not model.likelihood.noise.model.processes or not places_that_stick(model.likelihood.linearised):
             return
-        ways = [self.way_to_likeliest(model.likelihood, model.evidence, to_the_end=True)]
+        ways = [self.whole_way(model.likelihood, model.evidence)]
         if max(ways[0].changes, default=0.0) <= POLICY.improvement:
             return
         stated = {p.name: p.value for p in self.state.problem.uncertain}
         try:
             stage = self.state.moved_to(model.stage, model.stage.identify.to_dict() | stated, trial=True)
             there = model.likelihood.neighbour(stage)
-            ways.append(self.way_to_likeliest(there, self.evidence_of(there), to_the_end=True))
+            ways.append(self.whole_way(there, self.evidence_of(there)))
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             pass
         best = max(ways, key=lambda way: way.end[1].total)
@@ -189,21 +189,33 @@ class TriedModels:
         way = self.way_to_likeliest(likelihood, evidence)
         return way.end if way.settled or way.end[1].total > evidence.total + POLICY.improvement else None
 
-    def way_to_likeliest(self, likelihood: StageLikelihood, evidence: Evidence, *, to_the_end: bool = False) -> Way:
+    def way_to_likeliest(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
         """Move a model step by step to its likeliest parameters, until it has come near enough.
 
         That is where a further step raises the linearised likelihood by no more than the evidence may be off: within
         two and a half standard deviations the linearisation holds.  A model that is not near and has become less
-        probable wanders, and is moved further only ``to_the_end``.
+        probable wanders, and is moved no further.
         """
         seen = [(likelihood, evidence)]
         steps = self._steps_to_likeliest(likelihood)
         while seen[-1][0].rise_to_likeliest > POLICY.improvement:
             falls = len(seen) > 1 and seen[-1][1].total <= seen[-2][1].total + POLICY.improvement
-            if (falls and not to_the_end) or (there := next(steps, None)) is None:
+            if falls or (there := next(steps, None)) is None:
                 return Way(tuple(seen), settled=False)
             seen.append(there)
         return Way(tuple(seen), settled=True)
+
+    def whole_way(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
+        """Move a model in the same way to the end, to see whether it settles at all.
+
+        It does if after the first step, which leads away from least squares, none changes its evidence.
+        """
+        seen = [(likelihood, evidence)]
+        for there in self._steps_to_likeliest(likelihood):
+            seen.append(there)
+            if abs(there[1].total - seen[-2][1].total) <= POLICY.improvement:
+                return Way(tuple(seen), settled=len(seen) <= 3)
+        return Way(tuple(seen), settled=False)
 
     def _steps_to_likeliest(self, likelihood: StageLikelihood) -> Iterator[tuple[StageLikelihood, Evidence]]:
         """Move a model to its likeliest parameters, some times, and linearise it there each time."""

@@ -18,12 +18,12 @@ def place(total: float, rise: float) -> Any:
     return SimpleNamespace(rise_to_likeliest=rise), SimpleNamespace(total=total)
 
 
-def way(first: Any, *steps: Any, moved: bool = True, to_the_end: bool = False) -> tuple[TriedModels, Way]:
+def way(first: Any, *steps: Any, moved: bool = True) -> tuple[TriedModels, Way]:
     state: Any = SimpleNamespace()
     tried = TriedModels(state)
     tried.moved = moved
     tried._steps_to_likeliest = lambda likelihood: iter(steps)  # type: ignore[method-assign]
-    return tried, tried.way_to_likeliest(*first, to_the_end=to_the_end)
+    return tried, tried.way_to_likeliest(*first)
 
 
 def test_a_model_at_its_likeliest_parameters_stays() -> None:
@@ -43,14 +43,31 @@ def test_the_likeliest_parameters_count_also_where_the_extrapolation_to_them_sai
 
 def test_where_the_evidence_does_not_settle_the_most_probable_place_counts() -> None:
     steps = place(100.0, FAR), place(150.0, FAR), place(120.0, FAR), place(160.0, FAR)
-    _, there = way(*steps)
+    tried, there = way(*steps)
     assert not there.settled
     assert there.changes == [50.0, 30.0]  # it has become less probable, and goes no further
     assert there.end[1].total == 150.0
-    _, there = way(*steps, to_the_end=True)
+    there = tried.whole_way(*steps[0])
+    assert not there.settled
     assert there.changes == [50.0, 30.0, 40.0]
     assert there.end[1].total == 160.0
     assert there.wander == 40.0  # of the steps after the first
+
+
+@pytest.mark.parametrize(
+    ("totals", "settles", "end", "wander"),
+    [
+        ((130.0, 131.0), True, 131.0, 0.0),
+        ((130.0, 115.0, 117.0), False, 130.0, 15.0),  # there may be others
+        ((100.5, 300.0), True, 100.5, 0.0),
+    ],
+)
+def test_a_model_settles_if_only_the_first_step_changes_its_evidence(totals, settles, end, wander) -> None:
+    tried, _ = way(place(100.0, FAR), *(place(t, NEAR) for t in totals))
+    there = tried.whole_way(*place(100.0, FAR))
+    assert there.settled is settles
+    assert there.end[1].total == end
+    assert there.wander == wander
 
 
 @pytest.mark.parametrize(("moved", "expected"), [(True, 90.0), (False, None)])
