@@ -95,7 +95,7 @@ def _try(tried: TriedModels, start: TriedModel, name: str, half: float) -> None:
         rise = way.end[1].total - start.total
         size = way.end[0].stage.identify.to_dict()[f"{name}.x_s"]
         # at its smallest it is another law that does not give way either, and the rise is that of another linearisation
-        if rise > POLICY.reach and size > SMALLEST * settings[1].uncertain[-1].value:
+        if rise > max(POLICY.reach, tried.wander) and size > SMALLEST * settings[1].uncertain[-1].value:
             _keep(tried, start, way.end)
             unit = state.given.model.components[name].declarations["x_s"].unit  # type: ignore[attr-defined]
             state.remarks.append(

@@ -209,7 +209,9 @@ class Trials:
         if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
             return False
         likelihood = model.likelihood.neighbour(stage)
-        return self._replaced(other, (likelihood, self.tried.evidence_of(likelihood)), at_likeliest=False)
+        fit = likelihood, self.tried.evidence_of(likelihood)
+        likelier = self.tried.at_likelier_parameters(*fit)
+        return self._replaced(other, likelier or fit, at_likeliest=likelier is not None)
 
     def _moved_from(self, model: TriedModel, other: TriedModel, effects: tuple[Effect, ...]) -> bool:
         """Move a model to its likeliest parameters once more, from those of another; tell whether that is better."""
@@ -219,12 +221,14 @@ class Trials:
             way = self.tried.way_to_likeliest(there, self.tried.evidence_of(there))
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             return False
-        return self._replaced(other, way.end, at_likeliest=True)
+        return self._replaced(other, way.end, at_likeliest=True, least=POLICY.improvement)
 
-    def _replaced(self, other: TriedModel, fit: tuple[StageLikelihood, Evidence], *, at_likeliest: bool) -> bool:
+    def _replaced(
+        self, other: TriedModel, fit: tuple[StageLikelihood, Evidence], *, at_likeliest: bool, least: float = 0.0
+    ) -> bool:
         """Let a model stand where another fit of it has ended, if it is more probable there; tell whether it is."""
         rise = fit[1].total - other.total
-        if rise <= (POLICY.improvement if at_likeliest else 0.0):
+        if rise <= least:
             return False
         self._state.progress(f"{other.name}: log evidence {rise:+.1f} from other start values")
         (other.likelihood, other.evidence), other.at_likeliest = fit, at_likeliest
