@@ -147,6 +147,11 @@ class Kind:
         return next(fitting, self)
 
     @property
+    def every_strength(self) -> tuple[str, ...]:
+        """The strengths of all forms."""
+        return tuple(dict.fromkeys(name for form in (self, *self.forms) for name in form.strengths))
+
+    @property
     def inserted(self) -> bool:
         """True for a part that stands between a signal and what it feeds."""
         return self.at == "signal" or (self.at == "input" and self.law == "lag")

@@ -91,7 +91,7 @@ class ScoredCandidate:
     noise : NoiseModel or None
         Under which it was scored.
     other_law : ScoredCandidate or None
-        The same kind at the same place with another law, if it has one that may do as well.
+        The same kind at the same place with another law, if it has one: it may do better once it is fitted.
     """
 
     candidate: Candidate
@@ -291,8 +291,7 @@ def propose(
     best: dict[str, ScoredCandidate] = {}
     for c in (c for s in scorings for c in s.ranked if c.name not in owned):
         if c.name not in best or c.gain > best[c.name].gain:
-            other = scoring.other_laws.get(c.name)
-            best[c.name] = replace(c, direction=directions.get(c.name, c.direction), other_law=other)
+            best[c.name] = replace(c, direction=directions.get(c.name, c.direction))
     candidates = sorted(best.values(), key=lambda c: -c.gain)
     return Proposals(
         scan=result,
@@ -354,23 +353,31 @@ class _Scoring:
         noise: np.ndarray,
         model: NoiseModel,
         offset: float = 0.0,
+        other_laws: Mapping[str, ScoredCandidate] | None = None,
     ) -> _Scoring:
         """Score candidates, given as changes of the outputs."""
         white = _whitened(raw, problem.weighting)
         scored = _scored(problem, problem.sensitivities(), white)
-        return cls(problem=problem, raw=raw, white=white, noise=noise, scored=scored, model=model, offset=offset)
+        return cls(
+            problem=problem,
+            raw=raw,
+            white=white,
+            noise=noise,
+            scored=scored,
+            model=model,
+            offset=offset,
+            other_laws=other_laws or {},
+        )
 
     @classmethod
-    def under(
-        cls, likelihood: StageLikelihood, model: NoiseModel, raw: Sequence[Candidate], noise: np.ndarray
-    ) -> _Scoring:
-        """Score candidates under a noise model that is not the stage's own."""
+    def under(cls, likelihood: StageLikelihood, model: NoiseModel, own: _Scoring, raw: Sequence[Candidate]) -> _Scoring:
+        """Score candidates of the stage's own scoring under a noise model that is not its own."""
         plain, fitted = likelihood.linearised, likelihood.noise
         columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
         reached = restricted_log_likelihood(columns, model, std, offset) + log_price(plain, model)
-        own = fitted.log_likelihood + log_price(plain, fitted.model)
+        before = fitted.log_likelihood + log_price(plain, fitted.model)
         problem = plain.weighted_by(replace(fitted, model=model).weighting())
-        return cls.of(problem, raw, noise, model, reached - own)
+        return cls.of(problem, raw, own.noise, model, reached - before, own.other_laws)
 
     def with_one_law_each(self) -> _Scoring:
         """Return the same with the better law of every kind that has two at a place."""
@@ -381,12 +388,7 @@ class _Scoring:
         kept = [k for k, c in enumerate(self.raw) if count[c.name] == 1 or best[c.name] is c]
         white = [self.white[k] for k in kept]
         scored = _scored(self.problem, self.problem.sensitivities(), white)
-        gains = {c.name: c.gain for c in reversed(self.ranked)}
-        other = {
-            c.name: c
-            for c in self.ranked
-            if best[c.name] is not c.candidate and c.gain > gains[c.name] - POLICY.error_of_gain(gains[c.name])
-        }
+        other = {c.name: c for c in self.ranked if best[c.name] is not c.candidate and math.isfinite(c.gain)}
         raw = [self.raw[k] for k in kept]
         return replace(self, raw=raw, white=white, scored=scored, other_laws=other)
 
@@ -394,7 +396,8 @@ class _Scoring:
     def ranked(self) -> list[ScoredCandidate]:
         """The candidates at their best shapes, best first; their gain is over the model with its own noise."""
         ranked = _by_evidence(self.scored, self.raw, self.noise)
-        return [replace(c, gain=c.gain + self.offset, noise=self.model) for c in ranked]
+        others = self.other_laws
+        return [replace(c, gain=c.gain + self.offset, noise=self.model, other_law=others.get(c.name)) for c in ranked]
 
     @property
     def leading(self) -> ScoredCandidate | None:
@@ -483,7 +486,7 @@ def _in_place_of_random(
     best_without: list[ScoredCandidate] = []
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
         progress("which effect could explain what is taken for random")
-        without = _Scoring.under(likelihood, replace(model, processes=processes), at_best_shapes, own.noise)
+        without = _Scoring.under(likelihood, replace(model, processes=processes), own, at_best_shapes)
         lost = min(without.offset, -1.0)
         singles: list[tuple[ScoredCandidate, ...]]
         singles = [(c,) for c in without.able if 1.0 - c.gain / lost > REGAINED * (1.0 - POLICY.linear_error)]
@@ -528,7 +531,7 @@ def _scoring_beside_leading(
         return []
     progress(f"the noise that is left beside {leading.name}")
     beside = _noise_beside(likelihood, leading)
-    return [_Scoring.under(likelihood, beside, own.raw, own.noise)]
+    return [_Scoring.under(likelihood, beside, own, own.raw)]
 
 
 def _owned(scorings: Sequence[_Scoring], likeness: ParameterLikeness) -> dict[str, str]:

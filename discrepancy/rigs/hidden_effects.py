@@ -137,8 +137,8 @@ class Hidden:
 
 def strengths_of(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return those parameters of an effect, as `Hidden.truth` gives it, that say how strong it is."""
-    names = ("level",) if truth["kind"] == UNKNOWN else kinds()[truth["kind"]].strengths
-    return {n: truth["parameters"][n] for n in names}
+    names = ("level",) if truth["kind"] == UNKNOWN else kinds()[truth["kind"]].every_strength
+    return {n: v for n, v in truth["parameters"].items() if n in names}
 
 
 def _plain(unit: str) -> str:

@@ -161,5 +161,5 @@ def _size(effect: Mapping[str, Any]) -> float:
     """Return the size of an effect from ``truth.json``: its strengths, less the stated values where there are any."""
     from discrepancy.effects.kinds import kind_named
 
-    own = {k: v for k, v in effect["parameters"].items() if k in kind_named(effect["kind"]).strengths}
+    own = {k: v for k, v in effect["parameters"].items() if k in kind_named(effect["kind"]).every_strength}
     return math.hypot(*(v["value"] - v.get("stated", 0.0) for v in own.values()))

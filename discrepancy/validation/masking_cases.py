@@ -59,7 +59,7 @@ def masking_pair(seed: int, machine: str = "axis") -> Strengths:
     scan = Study(module.case(seed).problem(seed=seed)).explain().scan
     sizes = {f"{e['kind']}@{e['where']}": e["parameters"] for e in module.sizes(seed, list(module.names()))}
     stated = {
-        n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).strengths]
+        n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).every_strength]
         for n, p in sizes.items()
     }
     rng = np.random.default_rng([seed, 17])

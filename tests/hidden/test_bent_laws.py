@@ -124,12 +124,13 @@ def test_play_between_two_rotors_is_found(tmp_path):
     assert diagnosis["explained"] > 0.5
 
 
-def test_play_that_the_catalogue_does_not_have_is_a_force_without_a_name_at_its_place(tmp_path):
+def test_play_that_the_catalogue_does_not_have_is_a_force_that_follows_the_twist_of_its_place(tmp_path):
     kinds = '[candidates]\ninclude = ["*_friction@*", "*drag@*", "sensor_*@*"]\n'
     diagnosis = diagnosed(tmp_path, MODELS, drive, DRIVE + RECORDS + kinds, seed=11)
     assert diagnosis["verdict"] == "unknown effect"
     assert check_diagnosis(diagnosis) == []
     assert diagnosis["effects"] == []
-    assert [force["where"] for force in diagnosis["uneven_forces"]] == ["shaft"]
-    assert "acts at shaft" in diagnosis["sentence"]
+    law = diagnosis["unknown_law"]
+    assert (law["where"], law["depends_on"], law["announced"]) == ("shaft", ["place.shaft.angle"], True)
+    assert "a force at shaft that is a function of the angle of shaft" in diagnosis["sentence"]
     assert diagnosis["probabilities"]["unknown"] > 0.5

@@ -116,6 +116,7 @@ def friction(m):
     laws = {
         "ViscousFriction": {"viscous": 0.4},
         "CoulombFriction": {"coulomb": 0.5, "v_s": 0.05},
+        "DahlFriction": {"coulomb": 0.5, "x_s": 0.03},
         "AsymmetricFriction": {
             "coulomb_forward": 0.5,
             "coulomb_backward": 0.3,

@@ -209,8 +209,8 @@ def test_an_effect_without_strengths_begins_at_absence_and_is_fitted():
 
 def test_an_effect_with_unknown_names_says_so():
     place = guide_of(slide())
-    with pytest.raises(ValueError, match=r"no strength 'level'.*no parameter 'v_z'"):
-        Effect.at_place("coulomb_friction", place, strengths={"level": 1.0}, shape={"v_z": 1.0})
+    with pytest.raises(ValueError, match=r"no strength 'height'.*no parameter 'v_z'"):
+        Effect.at_place("coulomb_friction", place, strengths={"height": 1.0}, shape={"v_z": 1.0})
     with pytest.raises(ValueError, match="acts on a sensor"):
         Effect.at_place("sensor_gain", place)
     with pytest.raises(ValueError, match="shape needs 'low'"):
