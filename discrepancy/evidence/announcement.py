@@ -235,15 +235,15 @@ class Announcement:
     def _beside_unknown_law(self, best: TriedModel) -> TriedModel:
         """Return the most probable of a model and those with one effect less or none, each with an unknown law.
 
-        A force without a name is a rival of every name.  Where it explains the records better than an effect does, and
-        the effect adds nothing to it, the name is wrong, or is one of many that would do.
+        A force without a name is a rival of every name.  Where it explains the records clearly better than an effect
+        does, and the effect adds nothing to it, the name is wrong, or is one of many that would do.
         """
         fewer = [self._tried.models[key] for p in moves.drops(best) if (key := key_of(p.effects)) in self._tried.models]
         rivals = list({m.key: m for m in (best, *fewer, *([self._tried.start] if self._tried.start else []))}.values())
         for model in rivals:
             self._ask_for_unknown_law(model)
-        likeliest = max(rivals, key=lambda m: m.log_weight_with_law)
-        if likeliest is best or likeliest.log_weight_with_law <= best.log_weight_with_law:
+        likeliest = max(rivals[1:], key=lambda m: m.log_weight_with_law_in_place, default=best)
+        if likeliest is best or likeliest.log_weight_with_law_in_place <= best.log_weight_with_law:
             return best
         law = likeliest.unknown_law
         assert law is not None

@@ -165,6 +165,16 @@ class TriedModel:
         told = law is not None and law.announced
         return self._log_weight(law.gain, law.log_odds) if law is not None and told else self._log_weight()
 
+    @property
+    def log_weight_with_law_in_place(self) -> float:
+        """The same, where that stands in the place of an effect of another model, which was fitted.
+
+        What has no name is not fitted: its evidence is that of this model's linearisation.
+        """
+        law = self.unknown_law
+        told = law is not None and law.announced
+        return self._log_weight(law.gain - POLICY.reach, law.log_odds) if law is not None and told else -math.inf
+
     def _log_weight(self, gain: float = 0.0, log_odds: float = 0.0) -> float:
         """Return the log weight with something more that gains so much, its log prior odds included."""
         odds = self.log_odds + log_odds

@@ -132,8 +132,8 @@ def posterior(
         k: _Weight(_of_records(m, first, wander), m.log_odds, k) for k, m in models.items() if math.isfinite(m.total)
     }
     weights |= _twin_models(weights, proposals, final)
-    weights |= _unknown_laws(weights, models)
     taken = models.get(tuple(sorted(found)))
+    weights |= _unknown_laws(weights, models, found)
     if prior is not None and final is not None and taken is not None:
         weights |= _models_not_fitted(weights, taken, final, prior)
     probabilities = _of_what_matters(weights, temperature, models, found)
@@ -246,15 +246,20 @@ def _twin_models(
 
 
 def _unknown_laws(
-    weights: Mapping[tuple[str, ...], _Weight], models: Mapping[tuple[str, ...], TriedModel]
+    weights: Mapping[tuple[str, ...], _Weight], models: Mapping[tuple[str, ...], TriedModel], found: Sequence[str]
 ) -> dict[tuple[str, ...], _Weight]:
-    """Return the models with something that follows the machine's state beside them, where that has been asked."""
+    """Return the models with something that follows the machine's state beside them, where that has been asked.
+
+    Where it stands in the place of an effect that was found, it counts as in
+    `discrepancy.evidence.moves.TriedModel.log_weight_with_law_in_place`.
+    """
     beside = {}
     for key, model in models.items():
         law = model.unknown_law
         if law is not None and law.predicts and key in weights:
             weight = weights[key]
-            data, odds = weight.data + law.gain - law.log_odds, weight.odds + law.log_odds
+            less = POLICY.reach if set(key) < set(found) else 0.0
+            data, odds = weight.data + law.gain - less - law.log_odds, weight.odds + law.log_odds
             beside[(*key, law.name)] = _Weight(data, odds, key)
     return beside
 
