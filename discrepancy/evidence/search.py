@@ -165,7 +165,9 @@ class EvidenceSearch:
         is calibrated in the wrong place.  The extensions, which began there, are then forgotten.
         """
         beyond = [t for t, p in zip(trials, promised, strict=True) if t.total - model.total > most_believed(p)]
-        if not beyond or not self._trials.fit_from(max(beyond, key=lambda t: t.total), model, model.stage.effects):
+        if not beyond or self.state.out_of_time_for(f"whether {model.name} fits better from elsewhere"):
+            return False
+        if not self._trials.fit_from(max(beyond, key=lambda t: t.total), model, model.stage.effects):
             return False
         for child in trials:
             del self.tried.models[child.key]

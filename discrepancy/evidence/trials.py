@@ -102,6 +102,8 @@ class Trials:
         """
         simpler = parent if set(parent.key) < set(model.key) else self.tried.best_within(model.key) or parent
         for effects in (proposal.effects, *proposal.laws):
+            if effects is not proposal.effects and self._state.out_of_time_for(f"{model.name} with another law"):
+                break
             this = replace(model, likelihood=None, evidence=None)
             try:
                 self._fit_law(this, replace(proposal, effects=effects), parent, simpler)
