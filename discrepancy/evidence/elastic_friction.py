@@ -17,6 +17,7 @@ from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.proposals import moving_together
 from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.problem.problem import Problem
 from discrepancy.stages.fit_stage import FittedValues
@@ -56,8 +57,10 @@ def with_elastic_friction(tried: TriedModels, start: TriedModel) -> None:
 
 def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tuple[str, float]]:
     """Return the parts with a law that fades with speed where a random force acts at a standstill, and half travels."""
-    held = {q.where for q in likelihood.noise.model.processes if q.at_standstill}
     system, linearised = likelihood.stage.system, likelihood.linearised
+    together = moving_together(linearised)
+    stuck = [q.where for q in likelihood.noise.model.processes if q.at_standstill]
+    held = {*stuck, *(place.name for where in stuck for place in together.get(where, []))}
     parts = tried.state.given.model.components
     found = []
     for place in system.places:

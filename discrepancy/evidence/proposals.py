@@ -38,6 +38,7 @@ from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.ties import canonical_correlation
 from discrepancy.statistics.whitened import WhitenedProblem, whiten_all
 from discrepancy.statistics.whitening import identity
+from multibody.assembly.places import Place
 from multibody.base.quantity_text import count_text
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "Proposals",
     "ScoredCandidate",
     "entries_of",
+    "moving_together",
     "parameter_of_same_law",
     "propose",
     "proposed_effects",
@@ -54,6 +56,8 @@ __all__ = [
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
+#: Share of its speed by which a place may leave the proportion to another that a rigid gear keeps: rounding.
+RIGID = 1e-9
 #: Candidates that explain what is taken for random, which are fitted in full, the noise anew: each costs seconds.
 REFITTED = 4
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
@@ -262,7 +266,12 @@ def propose(
     entries = entries_of(stage, include, exclude)
     present = {str(e) for e in stage.effects}
     entries = [e for e in entries if e.name not in present or e.kind.name in REPEATABLE]
-    same_law = {e.name: name for e in entries if (name := parameter_of_same_law(e, plain.sensitivities().names))}
+    together, fitted = moving_together(plain), plain.sensitivities().names
+    same_law = {
+        e.name: name
+        for e in entries
+        if e.place is not None and (name := parameter_of_same_law(e, fitted, together[e.place.name]))
+    }
     asked = [e for e in entries if e.name not in same_law]
     raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {count_text(len(raw), 'candidate')}")
@@ -305,15 +314,33 @@ def propose(
     )
 
 
-def parameter_of_same_law(entry: Entry, fitted: Sequence[str]) -> str:
+def parameter_of_same_law(entry: Entry, fitted: Sequence[str], together: Sequence[Place] = ()) -> str:
     """Return the fitted parameter of the machine that is the strength of an entry's law at its place; empty if none is.
 
-    Two dry frictions between the same two parts are one dry friction.
+    Two dry frictions between the same two parts are one dry friction, and so are those on both sides of a rigid gear:
+    ``together`` are the places that move with that of the entry.
     """
     if entry.place is None:
         return ""
-    own = (f"{part}.{name}" for part in (entry.place.name, *entry.place.also) for name in entry.kind.same_law)
-    return next((name for name in own if name in fitted), "")
+    parts = [part for place in (entry.place, *together) for part in (place.name, *place.also)]
+    return next((name for part in parts for law in entry.kind.same_law if (name := f"{part}.{law}") in fitted), "")
+
+
+def moving_together(linearised: LinearisedProblem) -> dict[str, list[Place]]:
+    """Return for every place, by name, the others whose speed is in proportion to its own in all records."""
+    places = linearised.system.places
+    speeds = {}
+    for place in places:
+        rate = f"place.{place.name}.{place.motion_names()[1][0]}"
+        runs = [linearised.nominal_outputs(i)[rate] for i in range(len(linearised.experiments))]
+        speeds[place.name] = np.concatenate(runs)
+
+    def proportional(one: np.ndarray, other: np.ndarray) -> bool:
+        square = float(other @ other)
+        off = one - (float(one @ other) / square if square > 0.0 else 0.0) * other
+        return bool(np.max(np.abs(off), initial=0.0) <= RIGID * np.max(np.abs(one), initial=0.0))
+
+    return {a.name: [b for b in places if b is not a and proportional(speeds[a.name], speeds[b.name])] for a in places}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
