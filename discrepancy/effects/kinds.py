@@ -136,6 +136,8 @@ class Kind:
     def form(self, *, connection: bool, strengths: Iterable[str] = ()) -> Kind:
         """Return the form of the kind that acts on connections, or on something else, and has these strengths.
 
+        The kind itself where none has: what it is given is then wrong, and is told where it is used.
+
         Examples
         --------
         >>> late = kind_named("input_delay")

@@ -33,10 +33,11 @@ ELASTIC: dict[type[Component], type[Component]] = {
     CoulombFriction: DahlFriction,
     RotaryCoulombFriction: RotaryDahlFriction,
 }
-#: Displacements before sliding that are tried, as shares of half the travel.  Beyond a hundredth it is the effect
-#: `hysteresis`; below a ten-thousandth no record of a motion over the whole travel shows it.
+#: Displacements before sliding that are tried, as shares of half the travel: from a hundredth, beyond which it is the
+#: effect `hysteresis`, in steps of ten, because the fit goes on from the best; it may end a hundred times below that.
 SHARES = (1e-4, 1e-3, 1e-2)
-#: Share of the displacement that was tried below which the one that is fitted says that nothing gives way.
+#: Share of the displacement that was tried below which the one that is fitted says that nothing gives way: twice the
+#: lower bound of the fit.
 SMALLEST = 0.02
 
 
@@ -74,41 +75,53 @@ def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tu
 
 
 def _try(tried: TriedModels, start: TriedModel, name: str, half: float) -> None:
+    """Replace one friction, if the evidence is for it; else, and if that is interrupted, the machine stays as it was."""
     state = tried.state
-    assert start.likelihood is not None
     before = state.given, state.problem
+    kept = False
     state.progress(f"whether {name} gives way before it slides")
+    try:
+        kept = _replaced(tried, start, name, half)
+    finally:
+        if not kept:
+            state.given, state.problem = before
+
+
+def _replaced(tried: TriedModels, start: TriedModel, name: str, half: float) -> bool:
+    """Let the state's machine have Dahl's law in the place of a friction; tell whether it is kept."""
+    state = tried.state
+    given, problem = state.given, state.problem
     best: tuple[StageLikelihood, Evidence] | None = None
-    settings = before
+    settings = given, problem
     for share in SHARES:
         parameter = UncertainParameter(
             name=f"{name}.x_s", value=share * half, std=share * half, min=0.5 * SMALLEST * share * half
         )
-        tried_settings = _elastic(before[0], name, parameter), _elastic(before[1], name, parameter)
-        state.given, state.problem = tried_settings
+        state.given, state.problem = _elastic(given, name, parameter), _elastic(problem, name, parameter)
         try:
             there = _there(tried, start, {parameter.name: parameter.value})
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             continue
         if best is None or there[1].total > best[1].total:
-            best, settings = there, tried_settings
+            best, settings = there, (state.given, state.problem)
+    if best is None:
+        return False
     state.given, state.problem = settings
-    if best is not None:
-        way = tried.way_to_likeliest(*best)
-        rise = way.end[1].total - start.total
-        size = way.end[0].stage.identify.to_dict()[f"{name}.x_s"]
-        # at its smallest it is another law that does not give way either, and the rise is that of another linearisation
-        if rise > max(POLICY.reach, tried.wander) and size > SMALLEST * settings[1].uncertain[-1].value:
-            _keep(tried, start, way.end)
-            unit = state.given.model.components[name].declarations["x_s"].unit  # type: ignore[attr-defined]
-            state.remarks.append(
-                f"The dry friction '{name}' of the model fades with speed. That of the machine gives way elastically, "
-                f"by about {quantity_text(size, unit, 2)}, before it slides (log evidence {rise:+.0f}). It is "
-                "replaced by Dahl's law, and what is missing was asked of that model."
-            )
-            state.progress(state.remarks[-1])
-            return
-    state.given, state.problem = before
+    way = tried.way_to_likeliest(*best)
+    rise = way.end[1].total - start.total
+    size = way.end[0].stage.identify.to_dict()[f"{name}.x_s"]
+    # at its smallest it is another law that does not give way either, and the rise is that of another linearisation
+    if rise <= max(POLICY.reach, tried.wander) or size <= SMALLEST * state.problem.uncertain[-1].value:
+        return False
+    _keep(tried, start, way.end)
+    unit = state.given.model.components[name].declarations["x_s"].unit  # type: ignore[attr-defined]
+    state.remarks.append(
+        f"The dry friction '{name}' of the model fades with speed. That of the machine gives way elastically, "
+        f"by about {quantity_text(size, unit, 2)}, before it slides (log evidence {rise:+.0f}). It is "
+        "replaced by Dahl's law, and what is missing was asked of that model."
+    )
+    state.progress(state.remarks[-1])
+    return True
 
 
 def _elastic(problem: Problem, name: str, parameter: UncertainParameter) -> Problem:
