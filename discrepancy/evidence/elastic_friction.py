@@ -75,7 +75,7 @@ def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tu
 
 
 def _try(tried: TriedModels, start: TriedModel, name: str, half: float) -> None:
-    """Replace one friction, if the evidence is for it; else, and if that is interrupted, the machine stays as it was."""
+    """Replace one friction, if the evidence is for it; else, also when interrupted, the machine stays as it was."""
     state = tried.state
     before = state.given, state.problem
     kept = False
