@@ -2,9 +2,9 @@
 
 A law that fades with speed creeps where a real contact sticks, and a contact sticks like a spring, over micrometres.
 That is no effect that the machine lacks beside its friction, but how the friction is idealised.  Left to the noise, it
-is a random force that acts while the machine stands still; left to the catalogue, the nearest law would be named for
-it.  So where the records show such a random force, Dahl's law is tried in the place of the model's, and kept if the
-evidence is for it; what is missing is asked of that model.
+is a random force while the machine stands still, or an error that rings after it; left to the catalogue, the nearest
+law would be named for it.  So where the records show any random force or slow error, Dahl's law is tried in the place
+of the model's, and kept if the evidence is for it; what is missing is asked of that model.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.proposals import moving_together
+from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.problem.problem import Problem
 from discrepancy.stages.fit_stage import FittedValues
@@ -35,6 +35,7 @@ ELASTIC: dict[type[Component], type[Component]] = {
 }
 #: Displacements before sliding that are tried, as shares of half the travel: from a hundredth, beyond which it is the
 #: effect `hysteresis`, in steps of ten, because the fit goes on from the best; it may end a hundred times below that.
+#: The least is nearly rigid, so larger ones are tried while the evidence rises.
 SHARES = (1e-4, 1e-3, 1e-2)
 #: Share of the displacement that was tried below which the one that is fitted says that nothing gives way: twice the
 #: lower bound of the fit.
@@ -57,17 +58,17 @@ def with_elastic_friction(tried: TriedModels, start: TriedModel) -> None:
 
 
 def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tuple[str, float]]:
-    """Return the parts with a law that fades with speed where a random force acts at a standstill, and half travels."""
+    """Return the parts with a law that fades with speed, if anything random was found, and half of their travels."""
+    if not likelihood.noise.model.processes:
+        return []
     system, linearised = likelihood.stage.system, likelihood.linearised
-    together = moving_together(linearised)
-    stuck = [q.where for q in likelihood.noise.model.processes if q.at_standstill]
-    held = {*stuck, *(place.name for where in stuck for place in together.get(where, []))}
     parts = tried.state.given.model.components
     found = []
-    for place in system.places:
+    for j in places_that_stick(linearised):
+        place = system.places[j]
         position = f"place.{place.name}.{place.motion_names()[0][0]}"
         for name in (place.name, *place.also):
-            if place.name in held and type(parts.get(name)) in ELASTIC:
+            if type(parts.get(name)) in ELASTIC:
                 runs = [linearised.nominal_outputs(i)[position] for i in range(len(linearised.experiments))]
                 low, high = min(float(r.min()) for r in runs), max(float(r.max()) for r in runs)
                 found.append((name, 0.5 * (high - low)))
@@ -102,8 +103,9 @@ def _replaced(tried: TriedModels, start: TriedModel, name: str, half: float) -> 
             there = _there(tried, start, {parameter.name: parameter.value})
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             continue
-        if best is None or there[1].total > best[1].total:
-            best, settings = there, (state.given, state.problem)
+        if best is not None and there[1].total <= best[1].total:
+            break
+        best, settings = there, (state.given, state.problem)
     if best is None:
         return False
     state.given, state.problem = settings

@@ -49,8 +49,8 @@ class Way:
 
     @property
     def wander(self) -> float:
-        """Nats by which another linearisation changes the evidence about the likeliest parameters."""
-        return 0.0 if self.settled else max(self.changes[1:], default=0.0)
+        """Nats by which another linearisation changes the evidence, beyond what a step to likelier parameters gains."""
+        return 0.0 if self.settled else max(_not_foreseen(self.seen), default=0.0)
 
     @property
     def end(self) -> tuple[StageLikelihood, Evidence]:
@@ -208,13 +208,14 @@ class TriedModels:
     def whole_way(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
         """Move a model in the same way to the end, to see whether it settles at all.
 
-        It does if after the first step, which leads away from least squares, none changes its evidence.
+        It does if its evidence ends where another step does not change it, and none after the first, which leads away
+        from least squares, changed it in a way that was not foreseen.
         """
         seen = [(likelihood, evidence)]
         for there in self._steps_to_likeliest(likelihood):
             seen.append(there)
             if abs(there[1].total - seen[-2][1].total) <= POLICY.improvement:
-                return Way(tuple(seen), settled=len(seen) <= 3)
+                return Way(tuple(seen), settled=max(_not_foreseen(seen), default=0.0) <= POLICY.improvement)
         return Way(tuple(seen), settled=False)
 
     def _steps_to_likeliest(self, likelihood: StageLikelihood) -> Iterator[tuple[StageLikelihood, Evidence]]:
@@ -309,6 +310,16 @@ class TriedModels:
             f"{model.name}: log evidence {model.total - before:+.1f} with the random forces found beside {source.name}"
         )
         return True
+
+
+def _not_foreseen(seen: Sequence[tuple[StageLikelihood, Evidence]]) -> list[float]:
+    """Return by how much each step after the first changed the evidence in a way that the linearisation did not say.
+
+    It says how much the likelihood rises to the likeliest parameters.  A step from afar that gains a part of it, and
+    ends nearer, is a step on the way.
+    """
+    changes = [(b[1].total - a[1].total, a[0].rise_to_likeliest) for a, b in pairwise(seen)]
+    return [0.0 if 0.0 <= change <= rise else abs(change) for change, rise in changes[1:]]
 
 
 def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
