@@ -14,7 +14,6 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.proposals import Proposal
-from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.tried_models import TriedModels, judge
 from discrepancy.stages.stage import Stage
 from multibody.base.errors import ModelError
@@ -344,12 +343,12 @@ class Trials:
         """Return a model with the shapes of its laws moved to the largest likelihood, if it is more probable there.
 
         A strength is integrated out about its likeliest value; a shape, such as the place about which a spring bends,
-        is held where least squares put it, and beside a random force that is not where it is likeliest.  With dry
-        friction it stays: what sticks does not follow from a linearisation elsewhere.  A rise far above what the
-        linearised likelihood promises comes from another linearisation as well.
+        is held where least squares put it, and beside a random force that is not where it is likeliest.  It stays where
+        the evidence does not settle.  A rise far above what the linearised likelihood promises comes from another
+        linearisation as well.
         """
         shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
-        if not shapes or not likelihood.noise.model.processes or places_that_stick(likelihood.linearised):
+        if not shapes or not likelihood.noise.model.processes or self.tried.wander:
             return likelihood, evidence
         promised = likelihood.promise_of_shapes()
         if promised <= POLICY.improvement:

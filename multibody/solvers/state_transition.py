@@ -28,7 +28,8 @@ OFF = 0.024  # largest error of a parabola through the nodes, in differences of 
 STIFF = 35.0  # an interval's length times its largest eigenvalue, from which matrix exponentials are cheaper
 PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 FEWEST, MOST = 4, 20  # terms: as many as the order needs, and never more
-SOME = 8  # one of as many pieces has its eigenvalues worked out
+SOME = 8  # one of as many pieces has its eigenvalues worked out, and every Jacobian that is not like that one's:
+LIKE = 0.1  # differs by less than this share of it, as norms
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +162,8 @@ def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return about the largest eigenvalue of pieces from their Jacobians, and into how many each has to be split.
 
     Both are in units in which the rows and columns of the Jacobians are of like size.  Eigenvalues are worked out
-    for some of the pieces; from these to the next they change like the largest entry.
+    for some of the pieces; where the Jacobians hardly differ from these they change like the largest entry.  Where dry
+    friction begins to stick one entry becomes large, and with it the eigenvalues, beside another that always is.
     """
     from scipy.linalg import matrix_balance
 
@@ -170,10 +172,20 @@ def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         most = np.where(np.isfinite(most), most, 1.0)
     scale = matrix_balance(most, permute=False, separate=True)[1][0]
     unit = scale / scale[:, None]
-    size = np.sum(np.abs(a) * unit, axis=2).max(axis=1).reshape(-1, 3)
-    some = np.arange(SOME // 2, max(len(h), SOME // 2 + 1), SOME).clip(0, len(h) - 1)
-    radius = spectral_radius(a[3 * some + 1]) / np.maximum(size[some, 1], 1e-300)
-    fastest = radius[np.minimum(np.arange(len(h)) // SOME, some.size - 1)] * np.max(size, axis=1)
+
+    def norm(a: np.ndarray) -> np.ndarray:
+        largest: np.ndarray = np.sum(np.abs(a) * unit, axis=2).max(axis=1)
+        return largest
+
+    some = 3 * np.arange(SOME // 2, max(len(h), SOME // 2 + 1), SOME).clip(0, len(h) - 1) + 1
+    nearest = some[np.minimum(np.arange(len(a)) // (3 * SOME), some.size - 1)]
+    size = norm(a)
+    own = np.union1d(some, np.flatnonzero(~(norm(a - a[nearest]) <= LIKE * size[nearest])))
+    radius = np.zeros(len(a))
+    radius[own] = spectral_radius(a[own])
+    like = np.setdiff1d(np.arange(len(a)), own, assume_unique=True)
+    radius[like] = radius[nearest[like]] / np.maximum(size[nearest[like]], 1e-300) * size[like]
+    fastest = np.max(radius.reshape(-1, 3), axis=1)
     bend = (a[::3] - 2.0 * a[1::3] + a[2::3]) / (h * h)[:, None, None]
     changed = bend if len(h) == 1 else np.diff(bend, axis=0)
     change = np.max(np.abs(changed) * unit, axis=(1, 2))

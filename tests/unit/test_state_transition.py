@@ -131,6 +131,20 @@ def test_intervals_that_are_stiff_are_frozen():
     assert gamma0[1, 1, 0] == pytest.approx(1e-11, rel=1e-4)
 
 
+def test_friction_that_begins_to_stick_between_intervals_that_are_looked_at():
+    """Elastic dry friction: while it slides one entry is large and no motion is fast; sticking makes it a spring."""
+
+    def sliding_or_stuck(t):
+        stuck = 0.0 if t < 0.18 or t > 0.19 else 2.2e5
+        return np.array([[0.0, 1.0, 0.0], [-23049.0, -320.0, -50.5], [0.0, stuck, -0.6]])
+
+    times = np.arange(0.0, 0.301, 0.01)
+    phi, _, _ = state_transition_matrices(times, of_time(sliding_or_stuck, lambda t: np.zeros((3, 0))))
+    for k, t in enumerate(times[:-1]):
+        exact = expm(sliding_or_stuck(t + 0.005) * (times[k + 1] - t))
+        np.testing.assert_allclose(phi[k], exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+
+
 @pytest.mark.parametrize(("n", "m", "faster"), [(1, 1, 1e9), (5, 8, 30.0), (3, 2, 1e6), (8, 0, 0.3), (4, 2, 0.0)])
 def test_frozen_transitions_are_exponentials_of_the_whole_block(n, m, faster):
     """As by Van Loan, but without the zeros and ones below; damped motions that turn, with very different rates."""
