@@ -70,6 +70,22 @@ def test_a_model_settles_if_only_the_first_step_changes_its_evidence(totals, set
     assert there.wander == wander
 
 
+@pytest.mark.parametrize(
+    ("second", "third", "wander"),
+    [
+        (148.0, 149.0, 0.0),  # less than the likelihood promised where the step began: it is on the way
+        (171.0, 172.0, 41.0),
+        (125.0, 124.0, 5.0),
+    ],
+)
+def test_only_what_was_not_foreseen_is_wander(second: float, third: float, wander: float) -> None:
+    first = place(100.0, 400.0)
+    tried, _ = way(first, place(130.0, 20.0), place(second, NEAR), place(third, NEAR))
+    there = tried.whole_way(*first)
+    assert there.settled is (wander == 0.0)
+    assert there.wander == wander
+
+
 @pytest.mark.parametrize(("moved", "expected"), [(True, 90.0), (False, None)])
 def test_models_are_moved_only_where_the_first_was(moved: bool, expected: float | None) -> None:
     first = place(100.0, FAR)
