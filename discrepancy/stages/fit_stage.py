@@ -89,6 +89,9 @@ def fitted_stage(
         The result of an earlier fit: nothing is fitted to the records for identification then.
     progress : callable
     """
+    stated = {p.name: p.value for p in problem.uncertain}
+    if from_prior:
+        effects = tuple(_with_stated_spring(e, stated) for e in effects)
     model = problem.model
     for effect in effects:
         model = effect.added_to(model)
@@ -102,10 +105,10 @@ def fitted_stage(
     own = _own(start.identify) if start is not None else None
     scale = start.identify.scale if trial and start is not None else None
     if from_prior:
-        begin, own = {k: v for k, v in begin.items() if k not in {q.name for q in problem.uncertain}}, None
+        begin, own = {k: v for k, v in begin.items() if k not in stated}, None
     if values is not None:
         begin, own, scale = dict(values.parameters), list(values.own), dict(values.scale)
-    base = system.parameter_vector({p.name: p.value for p in problem.uncertain})
+    base = system.parameter_vector(stated)
     for effect in effects:
         parameters += effect.uncertain()
     fit = partial(
@@ -143,7 +146,7 @@ def fitted_stage(
     if problem.validate and not trial:
         evaluated = partial(evaluate, slim, calibration=calibration, noise=noise, sensors=sensors, base=base)
         validation = _of_those_that_can_be_simulated(evaluated, problem.validate)
-    of_model = {} if calibrated else {q.name: q.value for q in problem.uncertain}
+    of_model = {} if calibrated else dict(stated)
     of_model |= {k: v for k, v in calibration.to_dict().items() if not k.startswith("sensor.")}
     machine = None
     if not trial:
@@ -162,6 +165,17 @@ def fitted_stage(
         noise=noise,
         machine=machine,
     )
+
+
+def _with_stated_spring(effect: Effect, stated: Mapping[str, float]) -> Effect:
+    """Return an effect that takes back what a spring of the machine does, with the stiffness that is stated for that.
+
+    It was made with the stiffness of a model that lacks it, which may be far softer to make up for a play.
+    """
+    spring = stated.get(f"{effect.where}.stiffness")
+    if spring is None or effect.definition.needs != "stiffness" or "stiffness" not in effect.shape:
+        return effect
+    return replace(effect, shape={**effect.shape, "stiffness": spring})
 
 
 def _of_those_that_can_be_simulated(
