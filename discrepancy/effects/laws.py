@@ -13,7 +13,7 @@ from typing import ClassVar
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
 from multibody.declare.domains import in_both_domains
-from multibody.library.laws import asymmetric, contact, coulomb, one_sided, quadratic
+from multibody.library.laws import asymmetric, bell, contact, coulomb, one_sided, quadratic
 
 __all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "DryLaw", "Law", "add_law"]
 
@@ -223,8 +223,8 @@ class _Bump(DryLaw):
 
     def equations(self):
         super().equations()
-        s = (self.a.position - self.b.position - self.place) / self.width
-        self.force = -coulomb(self.speed, self.level * math.exp(-s * s), self.v_s)
+        height = bell(self.a.position - self.b.position, self.place, self.width)
+        self.force = -coulomb(self.speed, self.level * height, self.v_s)
 
 
 class _Push(Law):
@@ -237,8 +237,7 @@ class _Push(Law):
 
     def equations(self):
         super().equations()
-        s = (self.a.position - self.b.position - self.place) / self.width
-        self.force = self.push * math.exp(-s * s)
+        self.force = self.push * bell(self.a.position - self.b.position, self.place, self.width)
 
 
 class _EndStop(Law):

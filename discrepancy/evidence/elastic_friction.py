@@ -138,14 +138,10 @@ def _there(tried: TriedModels, start: TriedModel, more: dict[str, float]) -> tup
     """Return the first model with the friction of the state's machine, at its parameters and some more."""
     assert start.likelihood is not None
     stage = start.stage
-    values = FittedValues(stage.identify.to_dict() | more, _own(start), stage.identify.scale)
+    values = FittedValues(stage.identify.to_dict() | more, stage.identify.own_values, stage.identify.scale)
     other = tried.state.fitted(stage.name, (), None, dict(stage.noise), values=values, trial=True)
     likelihood = start.likelihood.neighbour(other)
     return likelihood, tried.evidence_of(likelihood)
-
-
-def _own(model: TriedModel) -> list[np.ndarray]:
-    return [np.array(list(f.own.values())) for f in model.stage.identify.fits]
 
 
 def _keep(tried: TriedModels, start: TriedModel, fit: tuple[StageLikelihood, Evidence]) -> None:
@@ -155,5 +151,5 @@ def _keep(tried: TriedModels, start: TriedModel, fit: tuple[StageLikelihood, Evi
     tried.refresh(start)
     stage = start.stage
     tried.state.stages[-1] = tried.state.restored(
-        stage.name, (), stage.identify.to_dict(), _own(start), stage.identify.scale, stage.noise
+        stage.name, (), stage.identify.to_dict(), stage.identify.own_values, stage.identify.scale, stage.noise
     )

@@ -251,8 +251,7 @@ class SearchState:
         values = start.identify.to_dict()
         for effect in effects:
             values |= effect.parameters()
-        own = [np.array(list(f.own.values())) for f in start.identify.fits]
-        given = FittedValues(values, own, start.identify.scale)
+        given = FittedValues(values, start.identify.own_values, start.identify.scale)
         return self.fitted(name, effects, None, dict(start.noise), values=given, trial=True)
 
     def moved_to(self, stage: Stage, values: Mapping[str, float], *, trial: bool = False) -> Stage:
@@ -270,9 +269,8 @@ class SearchState:
         there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
         records = [f.experiment for f in stage.identify.fits]
         at = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base)
-        own = [np.array(list(f.own.values())) for f in at.fits]
         effects = tuple(e.with_values(values) for e in stage.effects)
-        return self.restored(stage.name, effects, values, own, stage.identify.scale, stage.noise, trial=trial)
+        return self.restored(stage.name, effects, values, at.own_values, stage.identify.scale, stage.noise, trial=trial)
 
     def with_effect(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
         """Return the latest stage with an effect added, or replacing others, and everything fitted again."""

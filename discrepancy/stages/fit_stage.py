@@ -102,7 +102,7 @@ def fitted_stage(
     parameters = list(problem.uncertain) if calibrated else []
     if begin is None:
         begin = start.identify.to_dict() if start is not None else {}
-    own = _own(start.identify) if start is not None else None
+    own = start.identify.own_values if start is not None else None
     scale = start.identify.scale if trial and start is not None else None
     if from_prior:
         begin, own = {k: v for k, v in begin.items() if k not in stated}, None
@@ -127,7 +127,7 @@ def fitted_stage(
             part = [_first_part(e, share) for e in problem.identify]
             first = fit(part, held, start=[begin.get(p.name, p.value) for p in held], own=own, rounds=1)
             if not first.at_bound:
-                begin, own = {**begin, **first.to_dict()}, _own(first)
+                begin, own = {**begin, **first.to_dict()}, first.own_values
     calibration = fit(
         problem.identify,
         parameters,
@@ -223,7 +223,3 @@ def _first_part(experiment: Experiment, share: float) -> Experiment:
     if stop >= time[-1]:
         return experiment
     return crop(replace(experiment, preparation=replace(experiment.preparation, stop=stop)))
-
-
-def _own(calibration: Calibration) -> list[np.ndarray]:
-    return [np.array(list(f.own.values())) for f in calibration.fits]

@@ -104,6 +104,11 @@ class Calibration:
     evaluations: int = 0
 
     @property
+    def own_values(self) -> list[np.ndarray]:
+        """What is unknown of each record, such as its initial states, at the fitted values; one array for each."""
+        return [np.array(list(f.own.values())) for f in self.fits]
+
+    @property
     def stopped_early(self) -> bool:
         """Whether the fit was stopped at its limit of simulations, before its end."""
         return self.message == AT_LIMIT

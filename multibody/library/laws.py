@@ -10,6 +10,7 @@ import math
 
 __all__ = [
     "asymmetric",
+    "bell",
     "clearance_contact",
     "contact",
     "coulomb",
@@ -40,6 +41,12 @@ def asymmetric(v, forward, backward, v_s):
     """
     s = math.tanh(v / v_s)
     return s * (0.5 * (forward + backward) + 0.5 * (forward - backward) * s)
+
+
+def bell(x, middle, width):
+    """Return a bell curve ``exp(-((x - middle)/width)²)``: one at its middle, 1/e at a width from there."""
+    s = (x - middle) / width
+    return math.exp(-s * s)
 
 
 def one_sided(v, forward, backward, v_s):
