@@ -234,7 +234,7 @@ def _unconfirmed(by_evidence: EvidenceSearch | None) -> str:
         return ""
     probabilities = _probabilities(by_evidence, "")
     assert probabilities is not None
-    if probabilities.nothing > 0.5:
+    if probabilities.models.get((), 0.0) > 0.5:
         return ""
     most = max((m for m in by_evidence.tried.models.values() if m.unconfirmed), key=lambda m: m.total)
     return listed([title_of_name(name) for name in most.key])

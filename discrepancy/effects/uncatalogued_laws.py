@@ -10,6 +10,7 @@ import math
 from multibody.declare.component import Component
 from multibody.declare.declarations import Output, Parameter, Power
 from multibody.declare.domains import in_both_domains
+from multibody.library.laws import bell
 
 __all__ = ["OVER", "UNKNOWN_LAWS"]
 
@@ -59,8 +60,7 @@ class _OverTime(_Unknown):
 
     def equations(self):
         super().equations()
-        s = (self.time - self.t_middle) / self.t_half
-        self.force = self.level * math.exp(-s * s)
+        self.force = self.level * bell(self.time, self.t_middle, self.t_half)
 
 
 #: what the force is a function of → its sliding and its turning version

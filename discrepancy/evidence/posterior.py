@@ -59,12 +59,12 @@ class Posterior:
     nothing : float
         That nothing is.
     unknown : float
-        That a force is missing that the catalogue does not hold.
+        That something is missing that the catalogue does not hold, also if the search does not see it.
     effects : tuple of EffectProbability
         Of the effects that were found.
     models : mapping of tuple to float
-        Every model that was tried, by the names of its effects.  Where nothing was found, the first that together reach
-        95 % are the answers that the records leave open.
+        Every model that was tried, by the names of its effects, if what is missing is none that cannot be seen.  Where
+        nothing was found, the first that together reach 95 % are the answers that the records leave open.
     """
 
     nothing: float
@@ -140,9 +140,19 @@ def posterior(
     nothing = probabilities.get((), 0.0)
     of_unknown = sum(p for k, p in probabilities.items() if any(n.startswith(UNKNOWN) for n in k))
     effects = [_probability_of(name, found, probabilities) for name in found]
-    if unknown and not found:
-        nothing, of_unknown = 0.0, nothing + of_unknown
+    if not found:
+        unseen = nothing if unknown else nothing * _share_unseen()
+        nothing, of_unknown = nothing - unseen, of_unknown + unseen
     return Posterior(nothing=nothing, unknown=of_unknown, effects=tuple(effects), models=probabilities)
+
+
+def _share_unseen() -> float:
+    """Return how much of the probability of "nothing" is that of something outside the catalogue that was not seen.
+
+    Before the records are seen it is as probable as one effect of the catalogue: half as probable as nothing.
+    """
+    odds = 0.5 * POLICY.unseen
+    return odds / (1.0 + odds)
 
 
 def _of_records(model: TriedModel, first: float, wander: float) -> float:

@@ -12,6 +12,7 @@ from discrepancy.conclusion.sentences import answer, probability_sentence
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_strengths
 from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import posterior
 from discrepancy.stages.held_out_errors import gain_of_errors
 from discrepancy.statistics.verdicts import Verdict
@@ -71,8 +72,16 @@ def test_probabilities_add_up_and_rivals_share_them() -> None:
 
 def test_an_effect_that_does_not_matter_counts_for_the_model_without_it() -> None:
     models = by_key(tried(0.0), tried(40.0, "a@x", parent=(), matters=False))
-    result = posterior(models, [], None)
-    assert result.nothing == pytest.approx(1.0)
+    assert posterior(models, [], None).models == pytest.approx({(): 1.0})
+
+
+def test_what_no_search_would_have_seen_is_a_part_of_what_nothing_was_found_of() -> None:
+    """One effect outside the catalogue, half as probable as none before, of which the search misses a share."""
+    result = posterior(by_key(tried(0.0)), [], None)
+    assert result.unknown / result.nothing == pytest.approx(0.5 * POLICY.unseen)
+    assert result.unknown + result.nothing == pytest.approx(1.0)
+    named = posterior(by_key(tried(0.0), tried(90.0, "a@x", parent=())), ["a@x"], None)
+    assert named.unknown == 0.0
 
 
 def test_a_model_that_fails_its_checks_leaves_nothing_to_nothing() -> None:
@@ -100,7 +109,7 @@ def test_what_could_not_be_named_is_said_where_it_is_probable() -> None:
     names = ("constant_force@bearing",)
     likely = posterior(by_key(tried(0.0), tried(6.0, *names)), [], None)
     text = probability_sentence(likely)
-    assert likely.nothing == pytest.approx(1.0 / (1.0 + math.exp(2.0)))
+    assert likely.models[()] == pytest.approx(1.0 / (1.0 + math.exp(2.0)))
     assert "well enough to be named: 88 %, most probably a constant force at bearing (88 %)" in text
     assert "named" not in probability_sentence(posterior(by_key(tried(0.0), tried(-9.0, *names)), [], None))
 
@@ -116,7 +125,7 @@ def test_what_the_records_cannot_tell_is_as_probable_as_before() -> None:
     assert result.models["c@x",] == pytest.approx(one / (1.0 + one), rel=1e-6)
     assert result.models["a@x",] < 1e-8
     assert ("b@x",) not in result.models
-    assert result.nothing == pytest.approx(1.0 / (1.0 + one), rel=1e-6)
+    assert result.models[()] == pytest.approx(1.0 / (1.0 + one), rel=1e-6)
 
 
 def test_a_model_that_lost_an_effect_counts_for_what_is_left_of_it() -> None:
@@ -138,7 +147,7 @@ def test_an_effect_that_the_records_held_out_do_not_confirm_keeps_its_probabilit
     """The others ask for it with sixty nats, so that nothing is missing is not probable."""
     nothing, one = tried(0.0), tried(60.0, "a@x", parent=())
     one.refuse("a@x is not announced", nothing)
-    assert posterior(by_key(nothing, one), [], None).nothing > 0.99
+    assert posterior(by_key(nothing, one), [], None).models[()] > 0.99
     one.unconfirmed = True
     result = posterior(by_key(nothing, one), [], None)
     assert result.nothing < 1e-6
