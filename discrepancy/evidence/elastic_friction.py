@@ -21,7 +21,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.problem.problem import Problem
-from discrepancy.stages.fit_stage import FittedValues
+from discrepancy.stages.fit_stage import FittedValues, with_validation
 from discrepancy.stages.held_out_errors import simulated_worse
 from discrepancy.stages.stage import Stage
 from estimation.fit.calibration import UncertainParameter
@@ -119,7 +119,8 @@ def _replaced(tried: TriedModels, start: TriedModel, name: str, half: float) -> 
     if rise <= max(POLICY.reach, tried.wander) or size <= SMALLEST * state.problem.uncertain[-1].value:
         return False
     stage = _in_full(tried, way.end[0].stage)
-    if worse := simulated_worse(stage, state.stages[-1], POLICY.growth):
+    # both at their likeliest parameters: least squares makes other errors small, with either law
+    if worse := simulated_worse(stage, with_validation(problem, start.stage), POLICY.growth):
         state.progress(f"{name} stays as it is: {' and '.join(worse)} of the records held out would be simulated worse")
         return False
     _keep(tried, start, way.end, stage)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from discrepancy.problem.study_file import read_study
-from discrepancy.validation.machines.case import FINAL, Case, CaseError, draw, write
+from discrepancy.validation.machines.case import FINAL, Case, CaseError, _Graded, draw, write
 from discrepancy.validation.machines.command import main
 from discrepancy.validation.machines.disturbances import SPECTRA, Disturbance, drawn_disturbance, modes
 from discrepancy.validation.machines.fleet import NAMES, machine_named
 from discrepancy.validation.machines.grading import Information, information, stacked
 from discrepancy.validation.machines.judge import judged
+from discrepancy.validation.machines.machine import Effect
 from discrepancy.validation.machines.page import counts, page
 from discrepancy.validation.machines.reliability import (
     brier_score,
@@ -327,3 +329,23 @@ def test_the_command_refuses(
     with pytest.raises(SystemExit):
         main([*arguments, "--out", str(tmp_path)])
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "gain",
+    [
+        lambda size: 1e12 * size**2,  # far beyond at the least strength that is tried
+        lambda size: 1e-3 * size**12,
+        lambda size: np.where(
+            size > 7.0, 30.0 * (size - 7.0) ** 2, 1e-3
+        ),  # as where recalibration makes up for the rest
+    ],
+)
+def test_the_strength_of_a_gain_is_found_however_it_grows(gain) -> None:
+    graded: Any = object.__new__(_Graded)
+    graded.machine = SimpleNamespace(name="stand-in")
+    graded._gains = lambda effect, strengths, shape: gain(np.abs(strengths))
+    strength, reached = graded.strength(Effect(name="rub", strength="rub", size=1.0, what="rub"), -1.0, {}, 100.0)
+    assert strength < 0.0
+    assert reached == pytest.approx(float(gain(-strength)))
+    assert reached == pytest.approx(100.0, rel=0.1)

@@ -35,7 +35,7 @@ TIED = 0.97  # above it the two are one effect to these records, and a pair of t
 COMPARED = 30.0  # nats at which the directions of effects are compared: nearly linear still
 STEPS = 9  # strengths tried in one run of the machine, from a thousandth of the usual one to a hundred times
 CLOSE = 0.1  # relative error of the nats that are reached
-ROUNDS = 4  # of closing in on them
+ROUNDS = 12  # of closing in on them
 
 
 class CaseError(ValueError):
@@ -129,7 +129,7 @@ class _Graded:
         self.disturbance = drawn_disturbance(case.generator(1), dict(machine.places), machine.dt * machine.rows)
         self.weight: Information = information(machine, self.values, self.drives, self.disturbance, case.generator(2))
 
-    def differences(self, changes: Sequence[Mapping[str, float]]) -> Array:
+    def differences(self, changes: Sequence[Mapping[str, Any]]) -> Array:
         """Return what each set of changed quantities does to the records, an array (samples, changes)."""
         names = {name for change in changes for name in change}
         n = len(changes)
@@ -146,12 +146,18 @@ class _Graded:
         """Return the strength at which an effect has a gain, and the gain reached."""
         tried = sign * effect.size * np.geomspace(1e-3, 1e2, STEPS)
         gain = self._gains(effect, tried, shape)
-        for _ in range(ROUNDS):
+        for k in range(ROUNDS):
             known = gain > 0.0
             if not known.any() or gain[known].max() < nats:
                 break
-            logs = np.log(np.abs(tried[known])), np.log(np.maximum.accumulate(gain[known]))
-            value = sign * float(np.exp(np.interp(np.log(nats), logs[1], logs[0])))
+            sizes, most = np.log(np.abs(tried[known])), np.log(np.maximum.accumulate(gain[known]))
+            above = int(np.searchsorted(most, np.log(nats)))
+            between = np.interp(np.log(nats), most, sizes)
+            if not above:  # the gain of a small effect is in the square of its strength
+                between = sizes[0] - 0.5 * (most[0] - np.log(nats))
+            elif k % 2:  # where the gain is far from a power of the strength, halving comes nearer
+                between = 0.5 * (sizes[above - 1] + sizes[above])
+            value = sign * float(np.exp(between))
             if value in tried:
                 break
             order = np.argsort(np.abs([*tried, value]))
@@ -173,9 +179,30 @@ class _Graded:
                 d = self.differences(moved)
             except FloatingPointError:
                 d = np.column_stack([self._alone(change) for change in moved])
-        return np.array([self.weight.nats(column) if np.isfinite(column).all() else 0.0 for column in d.T])
+        known = np.isfinite(d).all(axis=0)
+        gains = np.zeros(len(moved))
+        if known.any():
+            gains[known] = self.weight.nats_left(d[:, known], self._recalibrated)
+        return gains
 
-    def _alone(self, change: Mapping[str, float]) -> Array:
+    def _recalibrated(self, steps: Array) -> Array:
+        """Return what steps of the uncertain parameters and start values, in standard deviations, do to the records."""
+        machine, own = self.machine, len(self.machine.parameters)
+        changes: list[dict[str, Any]] = []
+        for step in steps.T:
+            change: dict[str, Any] = {}
+            for parameter, z in zip(machine.parameters, step[:own], strict=True):
+                value = self.values[parameter.name] + z * parameter.std
+                change[parameter.name] = max(value, 0.1 * parameter.stated) if parameter.positive else value
+            for begin, z in zip(machine.starts, step[own:].reshape(len(machine.starts), self.count), strict=True):
+                change[begin.name] = self.values[begin.name] + begin.std * z
+            changes.append(change)
+        try:
+            return self.differences(changes)
+        except FloatingPointError:
+            return np.column_stack([self._alone(change) for change in changes])
+
+    def _alone(self, change: Mapping[str, Any]) -> Array:
         try:
             return self.differences([change])[:, 0]
         except FloatingPointError:
