@@ -4,8 +4,7 @@ A law that fades with speed creeps where a real contact sticks, and a contact st
 That is no effect that the machine lacks beside its friction, but how the friction is idealised.  Left to the noise, it
 is a random force while the machine stands still, or an error that rings after it; left to the catalogue, the nearest
 law would be named for it.  So where the records show any random force or slow error, Dahl's law is tried in the place
-of the model's, and kept if the evidence is for it and no output of the records held out is simulated worse; what is
-missing is asked of that model.
+of the model's, and kept if the evidence is for it; what is missing is asked of that model.
 """
 
 from __future__ import annotations
@@ -21,9 +20,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.problem.problem import Problem
-from discrepancy.stages.fit_stage import FittedValues, with_validation
-from discrepancy.stages.held_out_errors import simulated_worse
-from discrepancy.stages.stage import Stage
+from discrepancy.stages.fit_stage import FittedValues
 from estimation.fit.calibration import UncertainParameter
 from multibody.base.errors import ModelError
 from multibody.base.quantity_text import quantity_text
@@ -118,12 +115,7 @@ def _replaced(tried: TriedModels, start: TriedModel, name: str, half: float) -> 
     # at its smallest it is another law that does not give way either, and the rise is that of another linearisation
     if rise <= max(POLICY.reach, tried.wander) or size <= SMALLEST * state.problem.uncertain[-1].value:
         return False
-    stage = _in_full(tried, way.end[0].stage)
-    # both at their likeliest parameters: least squares makes other errors small, with either law
-    if worse := simulated_worse(stage, with_validation(problem, start.stage), POLICY.growth):
-        state.progress(f"{name} stays as it is: {' and '.join(worse)} of the records held out would be simulated worse")
-        return False
-    _keep(tried, start, way.end, stage)
+    _keep(tried, start, way.end)
     unit = state.given.model.components[name].declarations["x_s"].unit  # type: ignore[attr-defined]
     state.remarks.append(
         f"The dry friction '{name}' of the model fades with speed. That of the machine gives way elastically, "
@@ -152,15 +144,12 @@ def _there(tried: TriedModels, start: TriedModel, more: dict[str, float]) -> tup
     return likelihood, tried.evidence_of(likelihood)
 
 
-def _in_full(tried: TriedModels, stage: Stage) -> Stage:
-    """Return the stage of a trial as a report shows it, with the records held out."""
-    fit = stage.identify
-    return tried.state.restored(stage.name, (), fit.to_dict(), fit.own_values, fit.scale, stage.noise)
-
-
-def _keep(tried: TriedModels, start: TriedModel, fit: tuple[StageLikelihood, Evidence], stage: Stage) -> None:
+def _keep(tried: TriedModels, start: TriedModel, fit: tuple[StageLikelihood, Evidence]) -> None:
     """Let the search begin with a fit of another machine."""
     start.likelihood, start.evidence = fit[0].with_richer_noise(), fit[1]
     start.at_likeliest = True
     tried.refresh(start)
-    tried.state.stages[-1] = stage
+    stage = start.stage
+    tried.state.stages[-1] = tried.state.restored(
+        stage.name, (), stage.identify.to_dict(), stage.identify.own_values, stage.identify.scale, stage.noise
+    )

@@ -8,8 +8,6 @@ import numpy as np
 from plain_machines import RECORDS, low_passed, written
 from scipy.integrate import solve_ivp
 
-from discrepancy.evidence import elastic_friction
-from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.study.study import Study
 
 LEVEL, DISPLACEMENT = 6.0, 4e-4  # N, m
@@ -78,13 +76,3 @@ def test_friction_that_gives_way_is_taken_into_the_model_and_not_named(tmp_path:
     assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.05
     assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
     assert any("'dry'" in w and "gives way elastically" in w for w in diagnosis.warnings)
-
-
-def test_friction_that_gives_way_is_left_out_where_records_held_out_deny_it(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(elastic_friction, "simulated_worse", lambda *given: ("carriage.position",))
-    study = Study.from_file(written(tmp_path, SLIDE, slide, STUDY + RECORDS, seed=11))
-    state = EvidenceSearch(study)
-    elastic_friction.with_elastic_friction(state.tried, state.tried.known(study.stage))
-    assert not study.remarks
-    assert type(study.given.model.components["dry"]).__name__ == "CoulombFriction"
-    assert [p.name for p in study.problem.uncertain if p.name.startswith("dry.")] == ["dry.coulomb"]
