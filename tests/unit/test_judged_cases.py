@@ -336,9 +336,7 @@ def test_the_command_refuses(
     [
         lambda size: 1e12 * size**2,  # far beyond at the least strength that is tried
         lambda size: 1e-3 * size**12,
-        lambda size: np.where(
-            size > 7.0, 30.0 * (size - 7.0) ** 2, 1e-3
-        ),  # as where recalibration makes up for the rest
+        lambda size: np.where(size > 7.0, 30.0 * (size - 7.0) ** 2, 1e-3),
     ],
 )
 def test_the_strength_of_a_gain_is_found_however_it_grows(gain) -> None:

@@ -129,7 +129,7 @@ class _Graded:
         self.disturbance = drawn_disturbance(case.generator(1), dict(machine.places), machine.dt * machine.rows)
         self.weight: Information = information(machine, self.values, self.drives, self.disturbance, case.generator(2))
 
-    def differences(self, changes: Sequence[Mapping[str, Any]]) -> Array:
+    def differences(self, changes: Sequence[Mapping[str, float]]) -> Array:
         """Return what each set of changed quantities does to the records, an array (samples, changes)."""
         names = {name for change in changes for name in change}
         n = len(changes)
@@ -179,30 +179,9 @@ class _Graded:
                 d = self.differences(moved)
             except FloatingPointError:
                 d = np.column_stack([self._alone(change) for change in moved])
-        known = np.isfinite(d).all(axis=0)
-        gains = np.zeros(len(moved))
-        if known.any():
-            gains[known] = self.weight.nats_left(d[:, known], self._recalibrated)
-        return gains
+        return np.array([self.weight.nats(column) if np.isfinite(column).all() else 0.0 for column in d.T])
 
-    def _recalibrated(self, steps: Array) -> Array:
-        """Return what steps of the uncertain parameters and start values, in standard deviations, do to the records."""
-        machine, own = self.machine, len(self.machine.parameters)
-        changes: list[dict[str, Any]] = []
-        for step in steps.T:
-            change: dict[str, Any] = {}
-            for parameter, z in zip(machine.parameters, step[:own], strict=True):
-                value = self.values[parameter.name] + z * parameter.std
-                change[parameter.name] = max(value, 0.1 * parameter.stated) if parameter.positive else value
-            for begin, z in zip(machine.starts, step[own:].reshape(len(machine.starts), self.count), strict=True):
-                change[begin.name] = self.values[begin.name] + begin.std * z
-            changes.append(change)
-        try:
-            return self.differences(changes)
-        except FloatingPointError:
-            return np.column_stack([self._alone(change) for change in changes])
-
-    def _alone(self, change: Mapping[str, Any]) -> Array:
+    def _alone(self, change: Mapping[str, float]) -> Array:
         try:
             return self.differences([change])[:, 0]
         except FloatingPointError:

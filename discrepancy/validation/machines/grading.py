@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,11 +20,6 @@ __all__ = ["Information", "information", "repeated", "white_noise"]
 Array = NDArray[np.float64]
 
 DIFFERENCE = 0.3  # of a standard deviation: far above rounding, and small beside what bends the outputs
-RECALIBRATIONS = (
-    8  # Gauss-Newton steps of a recalibration: of a web with memory, 1052 nats by one linear step, they leave
-)
-#                   # 39 after five, 14.7 after eight and 13.7 after twelve
-SETTLED = 0.99  # share of its value before that a step must undercut to be followed by another
 
 
 @dataclass(frozen=True)
@@ -37,22 +32,16 @@ class Information:
 
         ½ dᵀ (N + W Wᵀ + J P Jᵀ)⁻¹ d = min_δ ½ (d − J δ)ᵀ (N + W Wᵀ)⁻¹ (d − J δ) + ½ δᵀ P⁻¹ δ
 
-    That holds where outputs are linear in the parameters.  Of an effect that recalibration makes up for nearly, what is
-    left is mostly what is not, and the recalibration is done step by step (`nats_left`).
-
     Parameters
     ----------
     deviation : ndarray, shape (samples,)
         Square root of the diagonal of N.
     columns : ndarray, shape (samples, rank)
         U.
-    uncertain : int
-        As many of its columns, the first, belong to parameters and start values.
     """
 
     deviation: Array
     columns: Array
-    uncertain: int = 0
 
     @cached_property
     def _whitened(self) -> tuple[Array, Any]:
@@ -79,46 +68,6 @@ class Information:
         (25.0, 0.4902)
         """
         return float(0.5 * self.inner(difference, difference))
-
-    def nats_left(self, differences: Array, moved: Callable[[Array], Array]) -> Array:
-        """Return the gains that are left after the best recalibration by Gauss and Newton's steps, shape (k,).
-
-        The slopes are those of the true values.  The least value that was met counts, that without a step included.
-
-        Parameters
-        ----------
-        differences : ndarray, shape (samples, k)
-        moved : callable
-            Of steps (uncertain, k), in standard deviations, returns by what they change the outputs, (samples, k).
-
-        Examples
-        --------
-        Recalibration makes up for a deviation wholly, although the outputs are not linear in it; its prior remains.
-
-        >>> slope = 0.3 * np.linspace(1.0, 2.0, 50)[:, None]
-        >>> about = Information(np.full(50, 0.01), slope, uncertain=1)
-        >>> seen = np.sin(slope)
-        >>> left = about.nats_left(seen, lambda steps: np.sin(slope * steps))
-        >>> round(about.nats(seen[:, 0])), float(left[0].round(1))
-        (9, 0.5)
-        """
-        slopes = self.columns[:, : self.uncertain]
-        noise = Information(self.deviation, self.columns[:, self.uncertain :])
-        steps = np.zeros((self.uncertain, differences.shape[1]))
-        left, least = differences.copy(), np.full(differences.shape[1], np.inf)
-        active = np.arange(least.size)
-        for k in range(RECALIBRATIONS + 1):
-            if k:
-                steps[:, active] = self.inner(slopes, left[:, active] + slopes @ steps[:, active])
-                left[:, active] = differences[:, active] - moved(steps[:, active])
-            gains = [noise.nats(c) if np.isfinite(c).all() else np.inf for c in left[:, active].T]
-            now = np.array(gains) + 0.5 * np.sum(steps[:, active] ** 2, axis=0)
-            lower = now < (SETTLED * least[active] if k > 1 else np.inf)
-            least[active] = np.minimum(least[active], now)
-            active = active[lower]
-            if not active.size:
-                break
-        return least
 
 
 def repeated(signals: Mapping[str, Array], times: int) -> dict[str, Array]:
@@ -188,8 +137,7 @@ def information(
     deviation = np.sqrt(((noisy - quiet) ** 2).mean(axis=(1, 2)))
     samples = quiet.size
     matrix = np.stack(columns, axis=-1).reshape(samples, -1) if columns else np.zeros((samples, 0))
-    uncertain = own + records * (len(knobs) - own)
-    return Information(np.repeat(deviation, samples // deviation.size), matrix, uncertain)
+    return Information(np.repeat(deviation, samples // deviation.size), matrix)
 
 
 def _by_record(column: Array) -> list[Array]:
