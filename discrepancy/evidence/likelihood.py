@@ -34,6 +34,8 @@ __all__ = [
 ROWS = 6000
 #: States of a linearised record from which it is asked whether fewer would do: below, the filter's time is not theirs.
 MOST_STATES = 10
+#: Shapes of laws by which dry friction fades or gives way.
+HOW_FRICTION_FADES = ("v_s", "v_stribeck", "x_s")
 #: Samples that remain of the shortest record, at least.
 SHORTEST = 200
 #: Memories of latent processes: so many, from two samples to a third of a record, evenly in their logarithm.
@@ -173,6 +175,16 @@ class StageLikelihood:
         return (*self.stage.identify.at_bound, *shapes)
 
     @property
+    def _held_beside_places(self) -> tuple[str, ...]:
+        """What is held where the shapes of laws move too: those by which friction fades do not.
+
+        How friction sticks elsewhere does not follow from a linearisation.
+        """
+        effects = self.stage.effects
+        fading = [e.parameter_name(k) for e in effects for k in e.definition.free_shapes if k in HOW_FRICTION_FADES]
+        return (*self.stage.identify.at_bound, *fading)
+
+    @property
     def noise(self) -> FittedNoise:
         """The noise model that explains the residual best beside the calibration."""
         if self.given_noise is not None:
@@ -195,11 +207,11 @@ class StageLikelihood:
         Parameters
         ----------
         shapes : bool
-            Whether the shapes of laws move as well.
+            Whether the shapes of laws move as well, but for those by which friction fades.
         """
         identify, held, change = self.stage.identify, self.held, self.noise.change
         if shapes:
-            held = tuple(identify.at_bound)
+            held = self._held_beside_places
             columns, std, offset = record_columns(self.linearised, self.noise.records, held)
             change = likeliest_change(columns, self.noise.model, std, offset)
         values, bounds = identify.to_dict(), {q.name: (q.min, q.max) for q in identify.parameters}
@@ -210,8 +222,7 @@ class StageLikelihood:
 
     def promise_of_shapes(self) -> float:
         """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""
-
-        return self._rise(self.stage.identify.at_bound) - self.rise_to_likeliest
+        return self._rise(self._held_beside_places) - self.rise_to_likeliest
 
     @cached_property
     def rise_to_likeliest(self) -> float:
