@@ -175,8 +175,8 @@ class StageLikelihood:
         return (*self.stage.identify.at_bound, *shapes)
 
     @property
-    def _held_beside_places(self) -> tuple[str, ...]:
-        """What is held where the shapes of laws move too: those by which friction fades do not.
+    def held_if_shapes_move(self) -> tuple[str, ...]:
+        """Parameters that keep their values where the shapes of laws move: at a bound, or how friction fades.
 
         How friction sticks elsewhere does not follow from a linearisation.
         """
@@ -211,7 +211,7 @@ class StageLikelihood:
         """
         identify, held, change = self.stage.identify, self.held, self.noise.change
         if shapes:
-            held = self._held_beside_places
+            held = self.held_if_shapes_move
             columns, std, offset = record_columns(self.linearised, self.noise.records, held)
             change = likeliest_change(columns, self.noise.model, std, offset)
         values, bounds = identify.to_dict(), {q.name: (q.min, q.max) for q in identify.parameters}
@@ -222,7 +222,7 @@ class StageLikelihood:
 
     def promise_of_shapes(self) -> float:
         """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""
-        return self._rise(self._held_beside_places) - self.rise_to_likeliest
+        return self._rise(self.held_if_shapes_move) - self.rise_to_likeliest
 
     @cached_property
     def rise_to_likeliest(self) -> float:

@@ -63,8 +63,8 @@ class Posterior:
     effects : tuple of EffectProbability
         Of the effects that were found.
     models : mapping of tuple to float
-        Every model that was tried, by the names of its effects, if what is missing is none that cannot be seen.  Where
-        nothing was found, the first that together reach 95 % are the answers that the records leave open.
+        Every model that was tried, by the names of its effects, if nothing is missing that the search does not see.
+        Where nothing was found, the first that together reach 95 % are the answers that the records leave open.
     """
 
     nothing: float

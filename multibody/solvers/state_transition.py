@@ -28,8 +28,10 @@ OFF = 0.024  # largest error of a parabola through the nodes, in differences of 
 STIFF = 35.0  # an interval's length times its largest eigenvalue, from which matrix exponentials are cheaper
 PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 FEWEST, MOST = 4, 20  # terms: as many as the order needs, and never more
-SOME = 8  # one of as many pieces has its eigenvalues worked out, and every Jacobian that is not like that one's:
-LIKE = 0.1  # differs by less than this share of it, as norms
+SOME = 8  # one of as many pieces has its eigenvalues worked out, and so has every Jacobian that is not like its own
+LIKE = (
+    0.1  # share of its norm up to which another Jacobian is like it; where friction sticks 0.03 and 0.01 gain nothing
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from plain_machines import RECORDS, low_passed, written
 from scipy.integrate import solve_ivp
 
+from discrepancy.evidence import elastic_friction
+from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.study.study import Study
 
 LEVEL, DISPLACEMENT = 6.0, 4e-4  # N, m
@@ -76,3 +80,13 @@ def test_friction_that_gives_way_is_taken_into_the_model_and_not_named(tmp_path:
     assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.05
     assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
     assert any("'dry'" in w and "gives way elastically" in w for w in diagnosis.warnings)
+
+
+@pytest.mark.parametrize(("processes", "asked"), [((), []), (("a slow error of an output",), ["dry"])])
+def test_it_is_asked_wherever_the_first_model_has_anything_random(tmp_path: Path, processes, asked) -> None:
+    study = Study.from_file(written(tmp_path, SLIDE, slide, STUDY + RECORDS, seed=11))
+    search = EvidenceSearch(study)
+    first = search.tried.known(study.stage).likelihood
+    noise = SimpleNamespace(model=SimpleNamespace(processes=processes))
+    likelihood = SimpleNamespace(stage=first.stage, linearised=first.linearised, noise=noise)
+    assert [name for name, _ in elastic_friction._rigid_frictions(search.tried, likelihood)] == asked

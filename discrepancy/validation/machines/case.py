@@ -35,7 +35,7 @@ TIED = 0.97  # above it the two are one effect to these records, and a pair of t
 COMPARED = 30.0  # nats at which the directions of effects are compared: nearly linear still
 STEPS = 9  # strengths tried in one run of the machine, from a thousandth of the usual one to a hundred times
 CLOSE = 0.1  # relative error of the nats that are reached
-ROUNDS = 12  # of closing in on them
+ROUNDS = 12  # of closing in on them, every second of which halves the interval: two of the steps become 1/64 of one
 
 
 class CaseError(ValueError):
