@@ -22,7 +22,8 @@ __all__ = ["ArrayStore", "MemoryLimitError", "give_back", "memory_limit", "scrat
 SHARE = 0.5
 #: Share of the limit that kept arrays may take; the rest is for what is worked on, and for the program itself.
 KEPT = 0.5
-_lock = threading.Lock()
+#: Reentrant, because the garbage collector may free a store anywhere, also where this thread has the lock.
+_lock = threading.RLock()
 _held = 0  # bytes of all stores that are in memory
 
 
@@ -140,8 +141,9 @@ class _Own:
 
     def hold(self, size: int) -> bool:
         global _held
+        most = KEPT * memory_limit()
         with _lock:
-            if _held + size > KEPT * memory_limit():
+            if _held + size > most:
                 return False
             _held += size
             self.held += size

@@ -1,6 +1,7 @@
 """Arrays that do not fit into the memory allowed: kept in a file, with the same answers to the last bit."""
 
 import gc
+import threading
 
 import numpy as np
 import pytest
@@ -37,6 +38,22 @@ def kept(candidates):
         )
         for c in candidates
     ], store
+
+
+def test_a_store_may_be_freed_by_the_collector_while_another_counts_what_it_holds():
+    """A search had stood still for ever: its thread waited for a lock that it had itself."""
+    before = ArrayStore()
+    before.put(np.zeros(3))
+
+    def freed() -> None:
+        with memory._lock:
+            before._own.free()
+
+    thread = threading.Thread(target=freed, daemon=True)
+    thread.start()
+    thread.join(10.0)
+    assert not thread.is_alive()
+    assert before._own.held == 0
 
 
 def test_a_scan_from_a_file_is_the_same_to_the_last_bit(monkeypatch):
