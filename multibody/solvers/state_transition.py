@@ -207,7 +207,11 @@ def _look_again(
     breaks: np.ndarray,
     lasting: int,
 ) -> None:
-    """Fill the intervals in which the Jacobians are needed at more places: some in pieces, others frozen."""
+    """Fill the intervals in which the Jacobians are needed at more places: some in pieces, others frozen.
+
+    Frozen is also each piece of an interval of which one turns out to be stiff: the exponentials of a step weigh the
+    nodes with either sign, so that what dies away at one of them can grow without bound.
+    """
     h = np.diff(times)
     owner, begin = _begins(times, rough, pieces, breaks)
     last = np.append(np.diff(owner) > 0, True)[: owner.size]
@@ -219,27 +223,49 @@ def _look_again(
     first = np.searchsorted(owner, np.arange(rough.size + 1))
     spans = np.column_stack((length, begin, end))
 
+    def keep(some: np.ndarray, phi: np.ndarray, gamma0: np.ndarray, gamma1: np.ndarray) -> None:
+        of_lasting = slice(gamma0.shape[-1] - lasting, None)
+        gamma0[..., of_lasting] += gamma1[..., of_lasting]
+        gamma1[..., of_lasting] = 0.0
+        for whole, own in zip(matrices, (phi, gamma0, gamma1), strict=True):
+            whole[some] = own
+
     def in_pieces(part: slice) -> None:
         own = slice(int(first[part.start]), int(first[part.stop]))
         a, b = at(slice(3 * own.start, 3 * own.stop))
         fastest, _ = _look(a, length[own])
-        _carry(matrices, a, b, fastest, spans[own], first[part.start : part.stop + 1] - own.start, rough[part], lasting)
+        begins = first[part.start : part.stop + 1] - own.start
+        too_fast = np.maximum.reduceat(length[own] * fastest, begins[:-1]) > STIFF
+        fastest[np.repeat(too_fast, np.diff(begins))] = 0.0  # filled below
+        _carry(matrices, a, b, fastest, spans[own], begins, rough[part], lasting)
+        for k in np.flatnonzero(too_fast):
+            of = slice(int(begins[k]), int(begins[k + 1]))
+            piece = slice(3 * of.start, 3 * of.stop)
+            keep(rough[part.start + k], *_frozen_in_pieces(a[piece], b[piece], spans[own][of]))
 
     def frozen(part: slice) -> None:
         a, b = at(slice(nodes.size + PIECES * part.start, nodes.size + PIECES * part.stop))
         some, (n, m) = stiff[part], b.shape[1:]
         a, b = a.reshape(some.size, PIECES, n, n), b.reshape(some.size, PIECES, n, m)
-        phi, gamma0, gamma1 = frozen_state_transition(a, b, h[some])
-        gamma0[..., m - lasting :] += gamma1[..., m - lasting :]
-        gamma1[..., m - lasting :] = 0.0
-        for whole, own in zip(matrices, (phi, gamma0, gamma1), strict=True):
-            whole[some] = own
+        keep(some, *frozen_state_transition(a, b, h[some]))
 
     if rough.size:
         cuts = np.unique(np.searchsorted(first, np.arange(0, owner.size + CHUNK, CHUNK)).clip(0, rough.size))
         parallel_map(in_pieces, [slice(int(a), int(b)) for a, b in pairwise(cuts)])
     if stiff.size:
         parallel_map(frozen, _parts(stiff.size))
+
+
+def _frozen_in_pieces(a: np.ndarray, b: np.ndarray, spans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the transition over one interval, of which each piece is frozen in thirds, about its nodes."""
+    (n, m), q = b.shape[1:], len(spans)
+    phi, gamma0, gamma1 = np.eye(n), np.zeros((n, m)), np.zeros((n, m))
+    each = frozen_state_transition(a.reshape(q, 3, n, n), b.reshape(q, 3, n, m), spans[:, 0])
+    for step, at_begin, at_end, (_, begin, end) in zip(*each, spans, strict=True):
+        gamma0 = step @ gamma0 + (1.0 - begin) * at_begin + (1.0 - end) * at_end
+        gamma1 = step @ gamma1 + begin * at_begin + end * at_end
+        phi = step @ phi
+    return phi, gamma0, gamma1
 
 
 def _begins(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import multibody.base.parallel as threads
@@ -129,6 +130,25 @@ def test_intervals_that_are_stiff_are_frozen():
     np.testing.assert_allclose(phi[1], np.diag([np.exp(-0.1), 0.0]), rtol=0, atol=1e-12)
     assert gamma1[1, 1, 0] == pytest.approx(1e-6, rel=1e-4)
     assert gamma0[1, 1, 0] == pytest.approx(1e-11, rel=1e-4)
+
+
+@pytest.mark.parametrize("faster", [1e4, 1e6])
+def test_a_moment_of_sticking_inside_a_piece_of_an_interval_stops_the_motion_and_no_more(faster):
+    """The nodes of the whole interval miss it, those of its pieces do not; each piece takes the input where it is."""
+
+    def damped(t):
+        return np.array([[0.0, 1.0], [-1.0, -1.0 - faster * np.exp(-(((t - 0.305) / 0.002) ** 2))]])
+
+    def along(t, y):
+        rates = damped(t) @ y.reshape(2, 4)
+        rates[1, 2:] += (0.4 - t) / 0.1, (t - 0.3) / 0.1
+        return rates.ravel()
+
+    at = of_time(damped, lambda t: np.array([[0.0], [1.0]]))
+    matrices = state_transition_matrices(np.linspace(0.0, 0.5, 6), at, breaks=np.array([0.31]))
+    begin = np.hstack((np.eye(2), np.zeros((2, 2)))).ravel()
+    end = solve_ivp(along, (0.3, 0.4), begin, "Radau", rtol=1e-8, atol=1e-10, max_step=2e-4).y[:, -1].reshape(2, 4)
+    np.testing.assert_allclose(np.hstack([matrix[3] for matrix in matrices]), end, rtol=0, atol=1e-3)
 
 
 def test_friction_that_begins_to_stick_between_intervals_that_are_looked_at():
