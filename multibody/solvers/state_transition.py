@@ -257,7 +257,10 @@ def _look_again(
 
 
 def _frozen_in_pieces(a: np.ndarray, b: np.ndarray, spans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the transition over one interval, of which each piece is frozen in thirds, about its nodes."""
+    """Return the transition over one interval, of which each piece is frozen in thirds, about its nodes.
+
+    The addition runs from φ_k to φ_{k+1} over the interval: it is in each piece what its begin and end make of it.
+    """
     (n, m), q = b.shape[1:], len(spans)
     phi, gamma0, gamma1 = np.eye(n), np.zeros((n, m)), np.zeros((n, m))
     each = frozen_state_transition(a.reshape(q, 3, n, n), b.reshape(q, 3, n, m), spans[:, 0])
