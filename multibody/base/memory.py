@@ -22,7 +22,7 @@ __all__ = ["ArrayStore", "MemoryLimitError", "give_back", "memory_limit", "scrat
 SHARE = 0.5
 #: Share of the limit that kept arrays may take; the rest is for what is worked on, and for the program itself.
 KEPT = 0.5
-#: Reentrant, because the garbage collector may free a store anywhere, also where this thread has the lock.
+#: Reentrant: the garbage collector may free a store in any thread, also in one that holds the lock.
 _lock = threading.RLock()
 _held = 0  # bytes of all stores that are in memory
 

@@ -21,17 +21,21 @@ HALVED_TO, POWERS = 0.5, 12
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is the caller's to tell
-def frozen_state_transition(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def frozen_state_transition(
+    a: np.ndarray, b: np.ndarray, h: np.ndarray, shares: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the state-transition matrices of intervals from the Jacobians in their pieces.
 
     Parameters
     ----------
     a : ndarray, shape (K, q, n, n), 1/s
-        Jacobian by the states in the middle of each of q equal pieces of K intervals.
+        Jacobian by the states in the middle of each of q pieces of K intervals.
     b : ndarray, shape (K, q, n, m)
         Jacobian by the inputs there.
     h : ndarray, shape (K,), s
         Lengths of the intervals.
+    shares : ndarray, shape (q,), optional
+        Of each piece in its interval; default: all equal.
 
     Returns
     -------
@@ -48,17 +52,19 @@ def frozen_state_transition(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tupl
     (0.0, 0.01, 0.99)
     """
     count, q, n, m = b.shape
-    piece = (h / q)[:, None, None, None]
+    shares = np.full(q, 1.0 / q) if shares is None else shares
+    piece = (h[:, None] * shares)[:, :, None, None]
     blocks = _exponentials((a * piece).reshape(count * q, n, n), (b * piece).reshape(count * q, n, m))
     step, held, ramp = (block.reshape(count, q, *block.shape[1:]) for block in blocks)
     phi = np.broadcast_to(np.eye(n), (count, n, n)).copy()
     gamma0, gamma1 = np.zeros((count, n, m)), np.zeros((count, n, m))
-    for j in range(q):
-        # The addition runs from φ_k to φ_{k+1} over the interval: in a piece it begins at begun and rises by 1/q.
-        begun = j / q
-        gamma0 = step[:, j] @ gamma0 + (1.0 - begun) * held[:, j] - ramp[:, j] / q
-        gamma1 = step[:, j] @ gamma1 + begun * held[:, j] + ramp[:, j] / q
+    begun = 0.0
+    for j, share in enumerate(shares):
+        # The addition runs from φ_k to φ_{k+1} over the interval: in a piece it begins at begun and rises by its share.
+        gamma0 = step[:, j] @ gamma0 + (1.0 - begun) * held[:, j] - share * ramp[:, j]
+        gamma1 = step[:, j] @ gamma1 + begun * held[:, j] + share * ramp[:, j]
         phi = step[:, j] @ phi
+        begun += share
     return phi, gamma0, gamma1
 
 

@@ -29,9 +29,7 @@ STIFF = 35.0  # an interval's length times its largest eigenvalue, from which ma
 PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 FEWEST, MOST = 4, 20  # terms: as many as the order needs, and never more
 SOME = 8  # one of as many pieces has its eigenvalues worked out, and so has every Jacobian that is not like its own
-LIKE = (
-    0.1  # share of its norm up to which another Jacobian is like it; where friction sticks 0.03 and 0.01 gain nothing
-)
+LIKE = 0.1  # share of its norm by which another Jacobian may differ and be like it; 0.03 and 0.01 gain nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +207,9 @@ def _look_again(
 ) -> None:
     """Fill the intervals in which the Jacobians are needed at more places: some in pieces, others frozen.
 
-    Frozen is also each piece of an interval of which one turns out to be stiff: the exponentials of a step weigh the
-    nodes with either sign, so that what dies away at one of them can grow without bound.
+    If one piece of an interval turns out to be stiff, all its pieces are frozen, in thirds about their nodes: the
+    exponentials of a step weigh the nodes with either sign, so that what dies away at one of them can grow without
+    bound.
     """
     h = np.diff(times)
     owner, begin = _begins(times, rough, pieces, breaks)
@@ -239,9 +238,9 @@ def _look_again(
         fastest[np.repeat(too_fast, np.diff(begins))] = 0.0  # filled below
         _carry(matrices, a, b, fastest, spans[own], begins, rough[part], lasting)
         for k in np.flatnonzero(too_fast):
-            of = slice(int(begins[k]), int(begins[k + 1]))
-            piece = slice(3 * of.start, 3 * of.stop)
-            keep(rough[part.start + k], *_frozen_in_pieces(a[piece], b[piece], spans[own][of]))
+            some, of = rough[[part.start + k]], slice(int(begins[k]), int(begins[k + 1]))
+            thirds, shares = slice(3 * of.start, 3 * of.stop), np.repeat((end - begin)[own][of] / 3.0, 3)
+            keep(some, *frozen_state_transition(a[None, thirds], b[None, thirds], h[some], shares))
 
     def frozen(part: slice) -> None:
         a, b = at(slice(nodes.size + PIECES * part.start, nodes.size + PIECES * part.stop))
@@ -254,21 +253,6 @@ def _look_again(
         parallel_map(in_pieces, [slice(int(a), int(b)) for a, b in pairwise(cuts)])
     if stiff.size:
         parallel_map(frozen, _parts(stiff.size))
-
-
-def _frozen_in_pieces(a: np.ndarray, b: np.ndarray, spans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the transition over one interval, of which each piece is frozen in thirds, about its nodes.
-
-    The addition runs from φ_k to φ_{k+1} over the interval: it is in each piece what its begin and end make of it.
-    """
-    (n, m), q = b.shape[1:], len(spans)
-    phi, gamma0, gamma1 = np.eye(n), np.zeros((n, m)), np.zeros((n, m))
-    each = frozen_state_transition(a.reshape(q, 3, n, n), b.reshape(q, 3, n, m), spans[:, 0])
-    for step, at_begin, at_end, (_, begin, end) in zip(*each, spans, strict=True):
-        gamma0 = step @ gamma0 + (1.0 - begin) * at_begin + (1.0 - end) * at_end
-        gamma1 = step @ gamma1 + begin * at_begin + end * at_end
-        phi = step @ phi
-    return phi, gamma0, gamma1
 
 
 def _begins(

@@ -41,7 +41,7 @@ def kept(candidates):
 
 
 def test_a_store_may_be_freed_by_the_collector_while_another_counts_what_it_holds():
-    """A search had stood still for ever: its thread waited for a lock that it had itself."""
+    """A search had hung: its thread waited for a lock that it held itself."""
     before = ArrayStore()
     before.put(np.zeros(3))
 
