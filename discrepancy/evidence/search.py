@@ -17,7 +17,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
 from discrepancy.evidence.stages_of_answer import make_stages
 from discrepancy.evidence.trials import Trials, most_believed
-from discrepancy.evidence.tried_models import TriedModels
+from discrepancy.evidence.tried_models import TriedModels, judge
 from discrepancy.search.moves import Decision
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from multibody.base.memory import give_back
@@ -71,6 +71,8 @@ class EvidenceSearch:
             asked = any(m.proposals is not None for m in self.tried.models.values())  # once, whatever the time limit
             if asked and state.out_of_time_for(f"what is missing beside {model.name}"):
                 break
+            if model.key and with_elastic_friction(self.tried, model):
+                self._score_first_again(start)
             self._extend(model)
         best = self.announcement.of(self.tried.ranked()[0])
         best.taken = True
@@ -110,7 +112,29 @@ class EvidenceSearch:
         if self.expansions >= POLICY.expansions:
             return None
         as_good = [m for m in within if m.total >= beam[0].total - POLICY.improvement]
-        return next((m for m in as_good if not m.expanded), None)
+        return next((m for m in as_good if not (m.expanded or self._is_told_by_extended(m))), None)
+
+    def _is_told_by_extended(self, model: TriedModel) -> bool:
+        """Tell whether a model differs from one that was extended by what changes the same: beside it the same lacks."""
+
+        def same(other: TriedModel) -> bool:
+            gone, new = set(other.key) - set(model.key), set(model.key) - set(other.key)
+            if other.proposals is None or not len(gone) == len(new) == 1:
+                return False
+            return new <= other.proposals.alike.get(next(iter(gone)), frozenset())
+
+        return any(same(other) for other in self.tried.models.values())
+
+    def _score_first_again(self, start: TriedModel) -> None:
+        """Score the candidates of the first model once more, because the machine is another.
+
+        What may stand in the place of an effect follows from it; the effects that were found are not fitted again.
+        """
+        likelihood = start.likelihood
+        assert likelihood is not None
+        start.proposals = self.state.if_simulated("what else was missing", lambda: self._proposals(likelihood))
+        likelihood.free_memory()
+        give_back()
 
     def _extend(self, model: TriedModel) -> None:
         """Score the candidates of a model, fit those that promise most, and keep every model that was fitted."""
@@ -162,12 +186,18 @@ class EvidenceSearch:
         """Fit a model once more, beginning where one of its extensions stands; tell whether that is better, and kept.
 
         That is asked where the evidence rises far above what the score promised: any effect gains so much if the model
-        is calibrated in the wrong place.  The extensions, which began there, are then forgotten.
+        is calibrated in the wrong place.  If that was most of it, the extensions, which began there, are forgotten.
         """
         beyond = [t for t, p in zip(trials, promised, strict=True) if t.total - model.total > most_believed(p)]
         if not beyond or self.state.out_of_time_for(f"whether {model.name} fits better from elsewhere"):
             return False
-        if not self._trials.fit_from(max(beyond, key=lambda t: t.total), model, model.stage.effects):
+        best, before = max(beyond, key=lambda t: t.total), model.total
+        if not self._trials.fit_from(best, model, model.stage.effects):
+            return False
+        if model.total - before <= POLICY.error_of_gain(best.total - before):
+            for child in trials:
+                if child.likelihood is not None:
+                    judge(child, model, self.tried.wander)
             return False
         for child in trials:
             del self.tried.models[child.key]

@@ -177,6 +177,18 @@ class TriedModels:
             + (", from the parameters as stated" if best is not ways[0] else "")
         )
 
+    def settle_again(self, model: TriedModel) -> None:
+        """Measure anew how much another linearisation changes the evidence of the first model: its friction has changed.
+
+        It stands at its likeliest parameters, so the others are moved to theirs as well.
+        """
+        assert model.likelihood is not None
+        assert model.evidence is not None
+        way = self.whole_way(model.likelihood, model.evidence)
+        self.wander, self.moved = way.wander, True
+        model.likelihood, model.evidence = way.end
+        self.state.progress(f"{model.name}: another linearisation changes the log evidence by {self.wander:.1f}")
+
     def at_likelier_parameters(
         self, likelihood: StageLikelihood, evidence: Evidence
     ) -> tuple[StageLikelihood, Evidence] | None:

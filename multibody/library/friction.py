@@ -2,10 +2,13 @@
 
 Each law is written once, as the ``resistance`` against the ``speed`` of b relative to a; the pair of flanges
 on which it acts comes from `Sliding` or `Turning`. Dry friction is regularised: ``tanh(speed / v_s)`` stands
-for the sign, so that below about ``v_s`` it creeps where the real contact sticks; Dahl's law sticks, as a spring.
+for the sign, so that below about ``v_s`` it creeps where the real contact sticks; the laws of Dahl and LuGre stick, as a
+spring.
 """
 
 from __future__ import annotations
+
+import math
 
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, State, Translation
@@ -16,11 +19,13 @@ __all__ = [
     "CoulombFriction",
     "DahlFriction",
     "LoadDependentFriction",
+    "LuGreFriction",
     "QuadraticDrag",
     "RotaryAsymmetricFriction",
     "RotaryCoulombFriction",
     "RotaryDahlFriction",
     "RotaryLoadDependentFriction",
+    "RotaryLuGreFriction",
     "RotaryQuadraticDrag",
     "RotaryStribeckFriction",
     "RotaryViscousFriction",
@@ -126,6 +131,44 @@ class RotaryDahlFriction(_Dahl, Turning):
     coulomb = Parameter(None, "N*m", "level of dry friction", min=0.0)
     x_s = Parameter(1e-4, "rad", "angle before sliding", min=1e-12)
     z = State("", "deflection of the asperities relative to sliding")
+
+
+class _LuGre(Component):
+    def equations(self):
+        super().equations()
+        level = 1.0 + (self.breakaway - 1.0) * math.exp(-((self.speed / self.v_stribeck) ** 2))
+        rate = (self.speed - abs(self.speed) * self.z / level) / self.x_s
+        self.der.z = rate
+        self.resistance = self.coulomb * (self.z + self.t_s * rate)
+
+
+class LuGreFriction(_LuGre, Sliding):
+    """Dry friction of damped bristles: resistance = coulomb · (z + t_s · ż), ż = (v − |v|·z / g(v)) / x_s.
+
+    The level g(v) = 1 + (breakaway − 1)·exp(−(v / v_stribeck)²) falls as speed rises.  With the stiffness σ₀ and the
+    damping σ₁ of the bristles x_s = coulomb / σ₀ and t_s = σ₁ / σ₀; viscous friction (σ₂) is a component of its own.
+    The law is that of Dahl where nothing is damped and nothing falls.  C. Canudas de Wit, H. Olsson, K. J. Åström,
+    P. Lischinsky, "A new model for control of systems with friction", IEEE Transactions on Automatic Control 40 (1995),
+    eq. (1) to (4).
+    """
+
+    coulomb = Parameter(None, "N", "level of dry friction while sliding", min=0.0)
+    x_s = Parameter(1e-5, "m", "displacement before sliding", min=1e-12)
+    t_s = Parameter(0.0, "s", "damping of the bristles over their stiffness", min=0.0)
+    breakaway = Parameter(1.0, "", "level at rest over that while sliding", min=1.0)
+    v_stribeck = Parameter(1e-2, "m/s", "speed at which the level falls", min=1e-12)
+    z = State("", "deflection of the bristles relative to sliding")
+
+
+class RotaryLuGreFriction(_LuGre, Turning):
+    """Dry friction of damped bristles; see `LuGreFriction`."""
+
+    coulomb = Parameter(None, "N*m", "level of dry friction while sliding", min=0.0)
+    x_s = Parameter(1e-4, "rad", "angle before sliding", min=1e-12)
+    t_s = Parameter(0.0, "s", "damping of the bristles over their stiffness", min=0.0)
+    breakaway = Parameter(1.0, "", "level at rest over that while sliding", min=1.0)
+    v_stribeck = Parameter(1e-1, "rad/s", "speed at which the level falls", min=1e-12)
+    z = State("", "deflection of the bristles relative to sliding")
 
 
 class _Asymmetric(Component):

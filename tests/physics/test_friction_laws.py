@@ -145,6 +145,67 @@ def test_dahl_friction_tends_to_its_level_with_the_way_and_not_with_the_speed():
         np.testing.assert_allclose(run["friction.resistance"], F * -np.expm1(-way / x_s), atol=1e-6 * F)
 
 
+def swinging(law, times, **values):
+    """A body that swings on a spring against one friction; its run."""
+    model = Model("swinging")
+    body = model.add("body", library.Mass(m=M, velocity=0.5))
+    friction = model.add("friction", law(**values))
+    spring = model.add("spring", library.SpringDamper(stiffness=30.0, damping=0.0))
+    model.connect(friction.a, spring.a, model.ground)
+    model.connect(friction.b, spring.b, body.flange)
+    return model.build().simulate(times[-1], times=times, rtol=1e-9, atol=1e-12)
+
+
+def test_lugre_friction_without_damping_or_fall_is_dahls():
+    times, values = np.linspace(0.0, 2.0, 41), {"coulomb": 1.5, "x_s": 2e-3}
+    lugre = swinging(library.LuGreFriction, times, **values)
+    dahl = swinging(library.DahlFriction, times, **values)
+    np.testing.assert_allclose(lugre["body.position"], dahl["body.position"], atol=1e-8)
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.7])
+def test_lugre_friction_at_rest_is_a_damped_spring(ratio):
+    """Near z = 0: m·ẍ + F·t_s/x_s·ẋ + (F/x_s + k)·x = 0, for deflections far below x_s."""
+    F, x_s, k = 20.0, 1e-2, 30.0
+    stiffness = F / x_s + k
+    omega = np.sqrt(stiffness / M)
+    t_s = 2.0 * ratio * omega * M * x_s / F
+    model = Model("pushed")
+    body = model.add("body", library.Mass(m=M, velocity=1e-6 * omega))
+    friction = model.add("friction", library.LuGreFriction(coulomb=F, x_s=x_s, t_s=t_s))
+    spring = model.add("spring", library.SpringDamper(stiffness=k, damping=0.0))
+    model.connect(friction.a, spring.a, model.ground)
+    model.connect(friction.b, spring.b, body.flange)
+    time = np.linspace(0.0, 6.0 / omega, 61)
+    run = model.build().simulate(time[-1], times=time, rtol=1e-9, atol=1e-16)
+    damped = omega * np.sqrt(1.0 - ratio**2)
+    expected = 1e-6 * omega / damped * np.exp(-ratio * omega * time) * np.sin(damped * time)
+    np.testing.assert_allclose(run["body.position"], expected, atol=2e-10)  # |v|·z bends it by z, 1e-4 of 1e-6
+
+
+def test_lugre_friction_while_sliding_falls_from_breakaway_to_its_level():
+    """At constant speed z = g(v): level and Stribeck curve of the paper's eq. (4)."""
+    F, b, v_st, x_s = 3.0, 1.5, 0.1, 1e-4
+    for speed in (0.01, 0.1, 1.0):
+        model = Model("pulled")
+        pulled = model.add("pulled", library.PositionSource())
+        values = {"coulomb": F, "x_s": x_s, "t_s": 1e-3, "breakaway": b, "v_stribeck": v_st}
+        friction = model.add("friction", library.LuGreFriction(**values))
+        model.connect(friction.a, model.ground)
+        model.connect(friction.b, pulled.flange)
+        for signal in ("position", "velocity", "acceleration"):
+            model.input(signal, f"pulled.{signal}", default=0.0)
+        ramp = {
+            "position": lambda t, speed=speed: speed * t,
+            "velocity": lambda t, speed=speed: speed,
+            "acceleration": lambda t: 0.0,
+        }
+        end = 50.0 * x_s / speed
+        run = model.build().simulate(end, inputs=ramp, times=[0.0, end], rtol=1e-9, atol=1e-12)
+        expected = F * (1.0 + (b - 1.0) * np.exp(-((speed / v_st) ** 2)))
+        assert run["friction.resistance"][-1] == pytest.approx(expected, rel=1e-6)
+
+
 def test_a_body_on_dahl_friction_rings_about_where_it_stopped_and_loses_its_energy():
     """It comes to rest without a speed of creep: under a constant force below the level it stands."""
     model = Model("slope")

@@ -117,6 +117,7 @@ def friction(m):
         "ViscousFriction": {"viscous": 0.4},
         "CoulombFriction": {"coulomb": 0.5, "v_s": 0.05},
         "DahlFriction": {"coulomb": 0.5, "x_s": 0.03},
+        "LuGreFriction": {"coulomb": 0.5, "x_s": 0.03, "t_s": 0.02, "breakaway": 1.4, "v_stribeck": 0.2},
         "AsymmetricFriction": {
             "coulomb_forward": 0.5,
             "coulomb_backward": 0.3,
