@@ -10,8 +10,10 @@ missing is asked of that model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,59 +38,61 @@ from multibody.library.friction import (
     RotaryLuGreFriction,
 )
 
+if TYPE_CHECKING:
+    from discrepancy.search.state import SearchState
+
 __all__ = ["with_elastic_friction"]
 
-ELASTIC: dict[type[Component], type[Component]] = {
-    CoulombFriction: DahlFriction,
-    RotaryCoulombFriction: RotaryDahlFriction,
-}
-DAMPED: dict[type[Component], type[Component]] = {
-    DahlFriction: LuGreFriction,
-    RotaryDahlFriction: RotaryLuGreFriction,
+#: Without and with damping, of each friction that fades with speed.
+ELASTIC: dict[type[Component], tuple[type[Component], type[Component]]] = {
+    CoulombFriction: (DahlFriction, LuGreFriction),
+    RotaryCoulombFriction: (RotaryDahlFriction, RotaryLuGreFriction),
 }
 #: Displacements before sliding that are tried, as shares of half the travel: up to a hundredth, beyond which it is the
 #: effect `hysteresis`, two to a decade, because the fit goes on from the best and a linearisation holds for a factor of
 #: two or so.  The least is nearly rigid, so larger ones are tried while the evidence rises.
 DISPLACEMENTS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
-#: Relaxation times of the bristles that are tried, in sampling intervals: from a tenth, below which no sample shows it,
-#: to ten, beyond which friction follows the speed for longer than most reversals take; two to a decade as well.
-RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
+#: Relaxation times of damped bristles that are tried, in sampling intervals: shorter ones are not seen, and much longer
+#: ones make friction follow the speed; what is in between is reached from these.
+RELAXATIONS = (0.3, 3.0)
 #: Share of what was tried below which what is fitted says that nothing gives way or is damped: twice the lower bound of
 #: the fit.
 SMALLEST = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class _Law:
-    """A law in the place of a friction, with one more uncertain parameter.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Elastic:
+    """A model whose machine has a friction that gives way, with the values of its law as further uncertain parameters.
 
     Parameters
     ----------
-    part : str
-    parameter : str
-        Of the part.
-    tried : tuple of float
-        Values from which the fit may begin, SI, rising.
-    of : callable
-        Returns the part with the law and a value, for the part as it is.
+    fit : tuple of (StageLikelihood, Evidence)
+    begun : dict of str to float
+        Values with which the fit began, by the name of the parameter, SI.
+    given, problem : Problem
+        Of the search, with that machine.
     """
 
-    part: str
-    parameter: str
-    tried: tuple[float, ...]
-    of: Callable[[Component, float], Component]
+    fit: tuple[StageLikelihood, Evidence]
+    begun: dict[str, float]
+    given: Problem
+    problem: Problem
 
     @property
-    def name(self) -> str:
-        """Of the uncertain parameter."""
-        return f"{self.part}.{self.parameter}"
+    def total(self) -> float:
+        """Log evidence."""
+        return self.fit[1].total
 
-    def in_place(self, problem: Problem, value: float) -> Problem:
-        """Return a problem whose machine has the law."""
-        model = problem.model.copy()
-        model.replace(self.part, self.of(model.components[self.part], value))
-        parameter = UncertainParameter(name=self.name, value=value, std=value, min=0.5 * SMALLEST * value)
-        return replace(problem, model=model, uncertain=(*problem.uncertain, parameter))
+    @property
+    def values(self) -> dict[str, float]:
+        """Those that were fitted."""
+        fitted = self.fit[0].stage.identify.to_dict()
+        return {name: fitted[name] for name in self.begun}
+
+    @property
+    def is_itself(self) -> bool:
+        """Whether it gives way, and is damped if it may be; at its smallest it is another law that does neither."""
+        return all(value > SMALLEST * self.begun[name] for name, value in self.values.items())
 
 
 def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
@@ -113,15 +117,22 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
     assert model.likelihood is not None
     replaced = False
     for name, half in _rigid_frictions(tried, model.likelihood):
-        before = model.total
         state.progress(f"whether {name} gives way before it slides")
-        if not _is_kept(tried, model, _elastic(name, half)):
-            continue
-        replaced = True
-        state.progress(f"whether {name} is damped while it gives way")
-        damped = _is_kept(tried, model, _damped(name, _interval(model.likelihood)))
-        state.remarks.append(_remark(tried, model, name, damped=damped, rise=model.total - before))
-        state.progress(state.remarks[-1])
+        before, settings, kept = model.total, (state.given, state.problem), None
+        try:
+            found = _found(tried, model, name, half)
+            if found is not None and found.total - before > max(POLICY.reach, tried.wander):
+                _keep(tried, model, found)
+                kept = found
+        except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
+            state.progress(f"{name} stays as it is: {error}")
+        finally:  # also when interrupted
+            if kept is None:
+                state.given, state.problem = settings
+        if kept is not None:
+            replaced = True
+            state.remarks.append(_remark(tried, model, name, kept, model.total - before))
+            state.progress(state.remarks[-1])
     return replaced
 
 
@@ -148,60 +159,68 @@ def _interval(likelihood: StageLikelihood) -> float:
     return float(np.median(np.concatenate([np.diff(r.time) for r in likelihood.noise.records])))
 
 
-def _elastic(part: str, half: float) -> _Law:
-    def of(given: Component, value: float) -> Component:
-        return ELASTIC[type(given)](coulomb=given.values["coulomb"], x_s=value)
-
-    return _Law(part, "x_s", tuple(share * half for share in DISPLACEMENTS), of)
-
-
-def _damped(part: str, interval: float) -> _Law:
-    def of(given: Component, value: float) -> Component:
-        return DAMPED[type(given)](coulomb=given.values["coulomb"], x_s=given.values["x_s"], t_s=value)
-
-    return _Law(part, "t_s", tuple(share * interval for share in RELAXATIONS), of)
+def _found(tried: TriedModels, model: TriedModel, part: str, half: float) -> _Elastic | None:
+    """Return a model with the friction of a part elastic, and damped if the evidence is for that as well."""
+    assert model.likelihood is not None
+    interval = _interval(model.likelihood)
+    dahl = _likeliest(tried, _best_start(tried, model, part, half, ()))
+    starts = [_best_start(tried, model, part, half, (share * interval,)) for share in RELAXATIONS]
+    lugre = _likeliest(tried, max((s for s in starts if s is not None), key=lambda s: s.total, default=None))
+    if lugre is not None and (dahl is None or lugre.total > dahl.total + POLICY.reach):
+        return lugre
+    return dahl
 
 
-def _is_kept(tried: TriedModels, model: TriedModel, law: _Law) -> bool:
-    """Replace one friction, if the evidence is for it; else, also when interrupted, the machine stays as it was."""
-    state = tried.state
-    before = state.given, state.problem
-    kept = False
-    try:
-        kept = _replaced(tried, model, law)
-    except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
-        state.progress(f"{law.part} stays as it is: {error}")
-    finally:
-        if not kept:
-            state.given, state.problem = before
-    return kept
-
-
-def _replaced(tried: TriedModels, model: TriedModel, law: _Law) -> bool:
-    """Let the state's machine have another law in the place of a friction; tell whether it is kept."""
+def _best_start(
+    tried: TriedModels, model: TriedModel, part: str, half: float, relaxation: tuple[float, ...]
+) -> _Elastic | None:
+    """Return the most probable of the models that begin with some displacements, and with a relaxation time or none."""
     state = tried.state
     given, problem = state.given, state.problem
-    best: tuple[StageLikelihood, Evidence] | None = None
-    begun, settings = 0.0, (given, problem)
-    for value in law.tried:
-        state.given, state.problem = law.in_place(given, value), law.in_place(problem, value)
+    best: _Elastic | None = None
+    for share in DISPLACEMENTS:
+        values = dict(zip((f"{part}.x_s", f"{part}.t_s"), (share * half, *relaxation), strict=False))
+        there = _with_law(given, part, values), _with_law(problem, part, values)
         try:
-            there = _there(tried, model, {law.name: value})
+            with _machine(state, *there):
+                fit = _there(tried, model, values)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
             continue
-        if best is not None and there[1].total <= best[1].total:
+        if best is not None and fit[1].total <= best.total:
             break
-        best, begun, settings = there, value, (state.given, state.problem)
-    if best is None:
-        return False
-    state.given, state.problem = settings
-    way = tried.way_to_likeliest(*best)
-    value = way.end[0].stage.identify.to_dict()[law.name]
-    # at its smallest it is another law that does not give way either, and the rise is that of another linearisation
-    if value <= SMALLEST * begun or way.end[1].total - model.total <= max(POLICY.reach, tried.wander):
-        return False
-    _keep(tried, model, way.end, {law.name: value})
-    return True
+        best = _Elastic(fit=fit, begun=values, given=there[0], problem=there[1])
+    return best
+
+
+def _likeliest(tried: TriedModels, start: _Elastic | None) -> _Elastic | None:
+    """Return a model moved to its likeliest parameters, if it is still what it is then."""
+    if start is None:
+        return None
+    with _machine(tried.state, start.given, start.problem):
+        moved = replace(start, fit=tried.way_to_likeliest(*start.fit).end)
+    return moved if moved.is_itself else None
+
+
+@contextmanager
+def _machine(state: SearchState, given: Problem, problem: Problem) -> Iterator[None]:
+    """Let a search have another machine for a while."""
+    before = state.given, state.problem
+    state.given, state.problem = given, problem
+    try:
+        yield
+    finally:
+        state.given, state.problem = before
+
+
+def _with_law(problem: Problem, part: str, values: dict[str, float]) -> Problem:
+    """Return a problem whose machine has an elastic friction, with its values as uncertain parameters."""
+    model = problem.model.copy()
+    given = model.components[part]
+    law = ELASTIC[type(given)][len(values) - 1]
+    own = {name.removeprefix(f"{part}."): value for name, value in values.items()}
+    model.replace(part, law(coulomb=given.values["coulomb"], **own))
+    more = [UncertainParameter(name=n, value=v, std=v, min=0.5 * SMALLEST * v) for n, v in values.items()]
+    return replace(problem, model=model, uncertain=(*problem.uncertain, *more))
 
 
 def _there(tried: TriedModels, model: TriedModel, more: dict[str, float]) -> tuple[StageLikelihood, Evidence]:
@@ -214,14 +233,13 @@ def _there(tried: TriedModels, model: TriedModel, more: dict[str, float]) -> tup
     return likelihood, tried.evidence_of(likelihood)
 
 
-def _keep(
-    tried: TriedModels, model: TriedModel, fit: tuple[StageLikelihood, Evidence], more: dict[str, float]
-) -> None:
+def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
     """Let the search go on with a fit of another machine."""
-    start = tried.start
+    state, start = tried.state, tried.start
     assert start is not None
-    first = tried.way_to_likeliest(*_there(tried, start, more)).end if model is not start else fit
-    model.likelihood, model.evidence, model.at_likeliest = fit[0].with_richer_noise(), fit[1], True
+    state.given, state.problem = found.given, found.problem
+    first = tried.way_to_likeliest(*_there(tried, start, found.values)).end if model is not start else found.fit
+    model.likelihood, model.evidence, model.at_likeliest = found.fit[0].with_richer_noise(), found.fit[1], True
     tried.refresh(model)
     tried.settle_again(model)
     if model is not start:
@@ -229,20 +247,20 @@ def _keep(
         start.proposals, model.parent = None, start.key
         tried.models = {start.key: start, model.key: model}
     stage = start.stage
-    tried.state.stages[-1] = tried.state.restored(
+    state.stages[-1] = state.restored(
         stage.name, (), stage.identify.to_dict(), stage.identify.own_values, stage.identify.scale, stage.noise
     )
 
 
-def _remark(tried: TriedModels, model: TriedModel, name: str, *, damped: bool, rise: float) -> str:
+def _remark(tried: TriedModels, model: TriedModel, part: str, found: _Elastic, rise: float) -> str:
     """Return what a reader must know of the friction that was replaced."""
-    declared = tried.state.given.model.components[name].declarations
-    fitted = model.stage.identify.to_dict()
-    size = quantity_text(fitted[f"{name}.x_s"], declared["x_s"].unit, 2)  # type: ignore[attr-defined]
-    how = f" and is damped while it does (for {quantity_text(fitted[f'{name}.t_s'], 's', 2)})" if damped else ""
-    law = "LuGre's law" if damped else "Dahl's law"
+    declared = tried.state.given.model.components[part].declarations
+    size, *relaxation = found.values.values()
+    how, law = "", "Dahl's law"
+    if relaxation:
+        how, law = f", damped with a relaxation time of {quantity_text(relaxation[0], 's', 2)},", "LuGre's law"
     return (
-        f"The dry friction '{name}' of the model fades with speed. That of the machine gives way elastically, by about "
-        f"{size}, before it slides{how} (log evidence {rise:+.0f}). It is replaced by {law}, and what is missing was "
-        "asked of that machine."
+        f"The dry friction '{part}' of the model fades with speed. That of the machine gives way elastically, by about "
+        f"{quantity_text(size, declared['x_s'].unit, 2)}{how} before it slides "  # type: ignore[attr-defined]
+        f"(log evidence {rise:+.0f}). It is replaced by {law}, and what is missing was asked of that machine."
     )

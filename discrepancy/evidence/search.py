@@ -115,7 +115,7 @@ class EvidenceSearch:
         return next((m for m in as_good if not (m.expanded or self._is_told_by_extended(m))), None)
 
     def _is_told_by_extended(self, model: TriedModel) -> bool:
-        """Tell whether a model differs from one that was extended by what changes the same: beside it the same lacks."""
+        """Tell whether a model has what changes the same in place of an effect of one that was extended."""
 
         def same(other: TriedModel) -> bool:
             gone, new = set(other.key) - set(model.key), set(model.key) - set(other.key)

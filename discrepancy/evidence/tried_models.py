@@ -178,9 +178,9 @@ class TriedModels:
         )
 
     def settle_again(self, model: TriedModel) -> None:
-        """Measure anew how much another linearisation changes the evidence of the first model: its friction has changed.
+        """Measure anew how much another linearisation changes the evidence, because the machine's friction is another.
 
-        It stands at its likeliest parameters, so the others are moved to theirs as well.
+        The model stands at its likeliest parameters, so the others are moved to theirs as well.
         """
         assert model.likelihood is not None
         assert model.evidence is not None

@@ -2,8 +2,8 @@
 
 Each law is written once, as the ``resistance`` against the ``speed`` of b relative to a; the pair of flanges
 on which it acts comes from `Sliding` or `Turning`. Dry friction is regularised: ``tanh(speed / v_s)`` stands
-for the sign, so that below about ``v_s`` it creeps where the real contact sticks; the laws of Dahl and LuGre stick, as a
-spring.
+for the sign, so that below about ``v_s`` it creeps where the real contact sticks; the laws of Dahl and LuGre stick, as
+a spring.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -52,15 +53,16 @@ build = "models.py:slide"
 """
 
 
-def slide(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return 20 s at 50 Hz of a carriage on a spring and on Dahl's friction, at rest for a moment at every reversal."""
+def slide(rng: np.random.Generator, relaxation: float = 0.0, cubic: float = 0.0) -> dict[str, np.ndarray]:
+    """Return 20 s at 50 Hz of a carriage on a spring and on LuGre friction, at rest for a moment at each reversal."""
     t = np.arange(0.0, 20.0, 0.02)
     force = 20.0 * np.sin(2.0 * np.pi * t / 4.0 + rng.uniform(0.0, 6.0)) + 8.0 * low_passed(rng, t, 0.5)
 
     def rates(now, y):
         x, v, z = y
-        push = np.interp(now, t, force) - 210.0 * x - 7.5 * v - LEVEL * z
-        return [v, push / 2.05, (v - abs(v) * z) / DISPLACEMENT]
+        rate = (v - abs(v) * z) / DISPLACEMENT
+        push = np.interp(now, t, force) - 210.0 * x - cubic * x**3 - 7.5 * v - LEVEL * (z + relaxation * rate)
+        return [v, push / 2.05, rate]
 
     y = solve_ivp(rates, (0.0, t[-1]), np.zeros(3), "LSODA", t, rtol=1e-8, atol=1e-10, max_step=0.02).y
     return {
@@ -80,6 +82,36 @@ def test_friction_that_gives_way_is_taken_into_the_model_and_not_named(tmp_path:
     assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.05
     assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
     assert any("'dry'" in w and "gives way elastically" in w for w in diagnosis.warnings)
+
+
+def test_bristles_that_are_damped_make_it_the_law_of_lugre(tmp_path: Path) -> None:
+    """A ratio of damping of 0.9 at a natural frequency of 85 rad/s, below the sampling rate."""
+    records = partial(slide, relaxation=0.02)
+    study = Study.from_file(written(tmp_path, SLIDE, records, STUDY + RECORDS, seed=12))
+    diagnosis = study.diagnose()
+    assert diagnosis.verdict == "nothing missing"
+    fitted = study.stage.identify.to_dict()
+    assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.05
+    assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
+    assert abs(fitted["dry.t_s"] / 0.02 - 1.0) < 0.3
+    assert any("LuGre's law" in w for w in diagnosis.warnings)
+
+
+def test_it_is_asked_again_beside_an_effect_that_may_have_hidden_it(tmp_path: Path, monkeypatch) -> None:
+    asked = []
+
+    def not_of_the_first(tried, model):
+        asked.append(model.key)
+        return bool(model.key) and elastic_friction.with_elastic_friction(tried, model)
+
+    monkeypatch.setattr("discrepancy.evidence.search.with_elastic_friction", not_of_the_first)
+    records = partial(slide, cubic=3e4)
+    study = Study.from_file(written(tmp_path, SLIDE, records, STUDY + RECORDS, seed=13))
+    diagnosis = study.diagnose()
+    assert asked[0] == ()
+    assert [str(e) for e in study.stage.effects] == ["cubic_stiffness@spring"]
+    assert abs(study.stage.identify.to_dict()["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
+    assert any("Dahl's law" in w for w in diagnosis.warnings)
 
 
 @pytest.mark.parametrize(("processes", "asked"), [((), []), (("a slow error of an output",), ["dry"])])
