@@ -130,7 +130,7 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
             if kept is None:
                 state.given, state.problem = settings
         if kept is not None:
-            replaced = True
+            replaced = tried.elastic = True
             state.remarks.append(_remark(tried, model, name, kept, model.total - before))
             state.progress(state.remarks[-1])
     return replaced

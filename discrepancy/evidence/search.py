@@ -158,8 +158,10 @@ class EvidenceSearch:
         # first what gives a name to what has none: at the time limit the last are left out
         offers = [(p, 1.0) for p in moves.names_of_curves(model, self._entries(stage), room)]
         if room > 0:
-            settled = self.tried.wander <= POLICY.reach
-            additions = moves.additions(proposals, stage.effects, if_none_random=settled)
+            # friction that gives way moves as in the linearised problem, and no random force makes up for it
+            told = self.tried.elastic and self.tried.settled
+            bare = self.tried.wander <= POLICY.reach and not told
+            additions = moves.additions(proposals, stage.effects, if_none_random=bare)
             offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in additions]
             curves = state.if_simulated("free curves", lambda: self._curves(likelihood))
             offers += curves or []

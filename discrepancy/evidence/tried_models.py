@@ -77,6 +77,8 @@ class TriedModels:
         Nats by which the evidence of the first model changes with where it is linearised.
     moved : bool
         Whether models are moved to their likeliest parameters; not where least squares is as good a place as any.
+    elastic : bool
+        Whether the machine has a dry friction that gives way in the place of one that faded.
     """
 
     state: SearchState
@@ -84,6 +86,7 @@ class TriedModels:
     prior: ModelPrior | None = field(default=None, init=False)
     wander: float = field(default=0.0, init=False)
     moved: bool = field(default=False, init=False)
+    elastic: bool = field(default=False, init=False)
 
     @property
     def settled(self) -> bool:
