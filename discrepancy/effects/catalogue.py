@@ -161,6 +161,8 @@ def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
         return None
     if kind.needs == "ground" and (place.second is not None or not place.first.inertial):
         return None
+    if kind.needs == "travel" and stiffness and place.second is not None:
+        return None
     if kind.law == "AddedInertia" and place.second is not None:
         return None
     if kind.needs in FRICTION and not has_friction(place, system, kind.needs):

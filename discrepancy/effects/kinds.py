@@ -56,9 +56,10 @@ class Kind:
     linear : bool
         False if the force is not proportional to the strength; the scan then takes a finite-amplitude sensitivity, at
         the strength that the shape names ``amplitude``, or at a small one.
-    needs : {"", "stiffness", "load", "drive", "ground", "dry friction", "viscous friction"}
+    needs : {"", "stiffness", "load", "drive", "ground", "travel", "dry friction", "viscous friction"}
         What the connection must have: a spring of its own, a force that passes through, a part that drives it and says
-        with which force, the ground on one side with an inertia on the other, or a friction in the model.
+        with which force, the ground on one side with an inertia on the other, a travel, which the stretch of a spring
+        between two bodies is not, or a friction in the model.
     signal : {"", "load", "temperature"}
         Input of the law beside the motion: the load, or a temperature that is in the model.
     elastic : bool or None
@@ -359,9 +360,9 @@ _add([
         "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
         shapes=shape_grids.centred, free_shapes=("centre", "half")),
     Kind(name="local_bump", at="connection", law="Bump", strengths=("level",), text=_SPOT,
-        shapes=shape_grids.spots, free_shapes=("place", "width", "v_s"), one_sided=True, forms=(
+        shapes=shape_grids.spots, free_shapes=("place", "width", "v_s"), one_sided=True, needs="travel", forms=(
         Kind(name="local_bump", at="connection", law="Push", strengths=("push",), text=_SPOT,
-             shapes=shape_grids.pushes, free_shapes=("place", "width")),)),
+             shapes=shape_grids.pushes, free_shapes=("place", "width"), needs="travel"),)),
     Kind(name="end_stop", at="connection", law="EndStop", strengths=("stiffness",), text=_T(
         "an end stop", "A stop or buffer that is met before the end of the travel.",
         "A rubber buffer, a bump stop of a suspension, a cable that is too short, a part that touches the frame.",
@@ -371,7 +372,7 @@ _add([
         "a force that repeats along the way", "A force with a fixed period in angle or position.",
         "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",
         "Move at several speeds: the frequency of the ripple follows the speed; its period in angle stays."),
-        shapes=shape_grids.orders, free_shapes=("order",)),
+        shapes=shape_grids.orders, free_shapes=("order",), needs="travel"),
     Kind(name="added_inertia", at="connection", law="AddedInertia", strengths=("inertia",), text=_T(
         "inertia that is not in the model", "A resistance against acceleration.",
         "A payload, coupling, rotor, hose or fixture that was forgotten or changed.",

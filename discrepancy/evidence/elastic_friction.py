@@ -130,7 +130,8 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
             if kept is None:
                 state.given, state.problem = settings
         if kept is not None:
-            replaced = tried.elastic = True
+            replaced = True
+            tried.elastic.update(kept.begun)
             state.remarks.append(_remark(tried, model, name, kept, model.total - before))
             state.progress(state.remarks[-1])
     return replaced

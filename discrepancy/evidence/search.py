@@ -159,7 +159,7 @@ class EvidenceSearch:
         offers = [(p, 1.0) for p in moves.names_of_curves(model, self._entries(stage), room)]
         if room > 0:
             # friction that gives way moves as in the linearised problem, and no random force makes up for it
-            told = self.tried.elastic and self.tried.settled
+            told = bool(self.tried.elastic) and self.tried.settled
             bare = self.tried.wander <= POLICY.reach and not told
             additions = moves.additions(proposals, stage.effects, if_none_random=bare)
             offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in additions]

@@ -131,14 +131,15 @@ class Trials:
         """Return a model at its likeliest parameters, from the strengths that are expected; None if it is not there.
 
         Where the evidence settles at the likeliest parameters, least squares leads away from them, and takes longer.
+        What a law that is not linear in its strength may begin with otherwise begins with the parameters as stated; see
+        `_best_fit`.
         """
         best: tuple[StageLikelihood, Evidence] | None = None
         for effects in (proposal.effects, *proposal.starts):
             self._state.progress(f"likeliest parameters of {' + '.join(key_of(effects))}")
+            this, stated = replace(proposal, effects=effects), effects is not proposal.effects
             try:
-                way = self.tried.way_to_likeliest(
-                    *self._near_expected(replace(proposal, effects=effects), parent, simpler)
-                )
+                way = self.tried.way_to_likeliest(*self._near_expected(this, parent, simpler, stated=stated))
             except (RuntimeError, ModelError, np.linalg.LinAlgError):
                 continue
             total = way.end[1].total
@@ -319,9 +320,11 @@ class Trials:
         return best
 
     def _near_expected(
-        self, proposal: Proposal, parent: TriedModel, simpler: TriedModel
+        self, proposal: Proposal, parent: TriedModel, simpler: TriedModel, *, stated: bool = False
     ) -> tuple[StageLikelihood, Evidence]:
         """Return a model at its likeliest parameters, in the problem linearised at the strengths that are expected.
+
+        The parameters are those of a simpler model there, or as stated.
 
         Raises
         ------
@@ -330,7 +333,8 @@ class Trials:
         """
         assert simpler.likelihood is not None
         name = " + ".join(key_of(proposal.effects))
-        expected = self._state.unfitted(name, proposal.effects, simpler.stage)
+        begin = self.tried.at_stated_values(simpler.stage) if stated else simpler.stage
+        expected = self._state.unfitted(name, proposal.effects, begin)
         values = simpler.likelihood.neighbour(expected, proposal.noise).likeliest_values()
         stage = self._state.moved_to(expected, values, trial=True)
         if not all(any(e.strengths.values()) for e in stage.effects):

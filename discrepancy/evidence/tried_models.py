@@ -77,8 +77,8 @@ class TriedModels:
         Nats by which the evidence of the first model changes with where it is linearised.
     moved : bool
         Whether models are moved to their likeliest parameters; not where least squares is as good a place as any.
-    elastic : bool
-        Whether the machine has a dry friction that gives way in the place of one that faded.
+    elastic : set of str
+        Parameters of dry frictions that give way, which were put in the place of those that fade.
     """
 
     state: SearchState
@@ -86,12 +86,17 @@ class TriedModels:
     prior: ModelPrior | None = field(default=None, init=False)
     wander: float = field(default=0.0, init=False)
     moved: bool = field(default=False, init=False)
-    elastic: bool = field(default=False, init=False)
+    elastic: set[str] = field(default_factory=set, init=False)
 
     @property
     def settled(self) -> bool:
         """Whether models are moved to their likeliest parameters, and their evidence settles there."""
         return self.moved and self.wander == 0.0
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """Uncertain parameters of the study, at the values that it states."""
+        return {p.name: p.value for p in self.state.problem.uncertain if p.name not in self.elastic}
 
     @property
     def start(self) -> TriedModel | None:
@@ -163,9 +168,8 @@ class TriedModels:
         ways = [self.whole_way(model.likelihood, model.evidence)]
         if max(ways[0].changes, default=0.0) <= POLICY.improvement:
             return
-        stated = {p.name: p.value for p in self.state.problem.uncertain}
         try:
-            stage = self.state.moved_to(model.stage, model.stage.identify.to_dict() | stated, trial=True)
+            stage = self.at_stated_values(model.stage)
             there = model.likelihood.neighbour(stage)
             ways.append(self.whole_way(there, self.evidence_of(there)))
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
@@ -179,6 +183,10 @@ class TriedModels:
             f"linearisation there by {self.wander:.1f}"
             + (", from the parameters as stated" if best is not ways[0] else "")
         )
+
+    def at_stated_values(self, stage: Stage) -> Stage:
+        """Return a fitted stage with the uncertain parameters of the study as it states them."""
+        return self.state.moved_to(stage, stage.identify.to_dict() | self.stated, trial=True)
 
     def settle_again(self, model: TriedModel) -> None:
         """Measure anew how much another linearisation changes the evidence, because the machine's friction is another.

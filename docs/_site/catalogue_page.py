@@ -48,6 +48,7 @@ NEEDS = {
     "stiffness": "a spring of its own",
     "load": "a part that brings a known force there",
     "ground": "an inertia against the ground",
+    "travel": "a travel, not the stretch of a spring between two bodies",
     "dry friction": "a dry friction in the model",
     "viscous friction": "a friction per speed in the model",
 }
