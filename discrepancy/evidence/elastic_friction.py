@@ -256,7 +256,8 @@ def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
 def _remark(tried: TriedModels, model: TriedModel, part: str, found: _Elastic, rise: float) -> str:
     """Return what a reader must know of the friction that was replaced."""
     declared = tried.state.given.model.components[part].declarations
-    size, *relaxation = found.values.values()
+    fitted = model.stage.identify.to_dict()
+    size, *relaxation = (fitted[name] for name in found.begun)
     how, law = "", "Dahl's law"
     if relaxation:
         how, law = f", damped with a relaxation time of {quantity_text(relaxation[0], 's', 2)},", "LuGre's law"
