@@ -71,12 +71,15 @@ class _Elastic:
         Values with which the fit began, by the name of the parameter, SI.
     given, problem : Problem
         Of the search, with that machine.
+    wander : float
+        Nats by which another linearisation changes the evidence, once that was asked.
     """
 
     fit: tuple[StageLikelihood, Evidence]
     begun: dict[str, float]
     given: Problem
     problem: Problem
+    wander: float = 0.0
 
     @property
     def total(self) -> float:
@@ -121,7 +124,7 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
         before, settings, kept = model.total, (state.given, state.problem), None
         try:
             found = _found(tried, model, name, half)
-            if found is not None and found.total - before > max(POLICY.reach, tried.wander):
+            if found is not None and found.total - before > max(POLICY.reach, tried.wander + found.wander):
                 _keep(tried, model, found)
                 kept = found
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
@@ -167,9 +170,12 @@ def _found(tried: TriedModels, model: TriedModel, part: str, half: float) -> _El
     dahl = _likeliest(tried, _best_start(tried, model, part, half, ()))
     starts = [_best_start(tried, model, part, half, (share * interval,)) for share in RELAXATIONS]
     lugre = _likeliest(tried, max((s for s in starts if s is not None), key=lambda s: s.total, default=None))
-    if lugre is not None and (dahl is None or lugre.total > dahl.total + POLICY.reach):
-        return lugre
-    return dahl
+    best = lugre if lugre is not None and (dahl is None or lugre.total > dahl.total + POLICY.reach) else dahl
+    if best is None:
+        return None
+    with _machine(tried.state, best.given, best.problem):
+        way = tried.whole_way(*best.fit)
+    return replace(best, fit=way.end, wander=way.wander)
 
 
 def _best_start(
@@ -240,13 +246,15 @@ def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
     assert start is not None
     state.given, state.problem = found.given, found.problem
     first = tried.way_to_likeliest(*_there(tried, start, found.values)).end if model is not start else found.fit
-    model.likelihood, model.evidence, model.at_likeliest = found.fit[0].with_richer_noise(), found.fit[1], True
-    tried.refresh(model)
-    tried.settle_again(model)
+    likelihood = found.fit[0].with_richer_noise()
+    model.likelihood, model.evidence = tried.way_to_likeliest(likelihood, tried.evidence_of(likelihood)).end
+    model.at_likeliest = True
     if model is not start:
         start.likelihood, start.evidence, start.at_likeliest = first[0], first[1], True
         start.proposals, model.parent = None, start.key
         tried.models = {start.key: start, model.key: model}
+    # it stands at its likeliest parameters, so the others are moved to theirs as well
+    tried.wander, tried.moved = found.wander, True
     stage = start.stage
     state.stages[-1] = state.restored(
         stage.name, (), stage.identify.to_dict(), stage.identify.own_values, stage.identify.scale, stage.noise

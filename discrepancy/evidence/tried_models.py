@@ -188,18 +188,6 @@ class TriedModels:
         """Return a fitted stage with the uncertain parameters of the study as it states them."""
         return self.state.moved_to(stage, stage.identify.to_dict() | self.stated, trial=True)
 
-    def settle_again(self, model: TriedModel) -> None:
-        """Measure anew how much another linearisation changes the evidence, because the machine's friction is another.
-
-        The model stands at its likeliest parameters, so the others are moved to theirs as well.
-        """
-        assert model.likelihood is not None
-        assert model.evidence is not None
-        way = self.whole_way(model.likelihood, model.evidence)
-        self.wander, self.moved = way.wander, True
-        model.likelihood, model.evidence = way.end
-        self.state.progress(f"{model.name}: another linearisation changes the log evidence by {self.wander:.1f}")
-
     def at_likelier_parameters(
         self, likelihood: StageLikelihood, evidence: Evidence
     ) -> tuple[StageLikelihood, Evidence] | None:
