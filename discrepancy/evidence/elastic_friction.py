@@ -10,7 +10,7 @@ missing is asked of that model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -167,9 +167,19 @@ def _found(tried: TriedModels, model: TriedModel, part: str, half: float) -> _El
     """Return a model with the friction of a part elastic, and damped if the evidence is for that as well."""
     assert model.likelihood is not None
     interval = _interval(model.likelihood)
-    dahl = _likeliest(tried, _best_start(tried, model, part, half, ()))
-    starts = [_best_start(tried, model, part, half, (share * interval,)) for share in RELAXATIONS]
-    lugre = _likeliest(tried, max((s for s in starts if s is not None), key=lambda s: s.total, default=None))
+    displacements = [share * half for share in DISPLACEMENTS]
+    starts: list[_Elastic] = []
+    undamped = _best_start(tried, model, part, displacements, ())
+    for share in RELAXATIONS:
+        # damping makes the friction stiffer, so what fits best gives way no less; another relaxation time changes little
+        if starts:
+            displacements = [starts[-1].begun[f"{part}.x_s"]]
+        elif undamped is not None:
+            displacements = [x for x in displacements if x >= undamped.begun[f"{part}.x_s"]]
+        start = _best_start(tried, model, part, displacements, (share * interval,))
+        starts += [start] if start is not None else []
+    dahl = _likeliest(tried, undamped)
+    lugre = _likeliest(tried, max(starts, key=lambda s: s.total, default=None))
     best = lugre if lugre is not None and (dahl is None or lugre.total > dahl.total + POLICY.reach) else dahl
     if best is None:
         return None
@@ -179,14 +189,17 @@ def _found(tried: TriedModels, model: TriedModel, part: str, half: float) -> _El
 
 
 def _best_start(
-    tried: TriedModels, model: TriedModel, part: str, half: float, relaxation: tuple[float, ...]
+    tried: TriedModels, model: TriedModel, part: str, displacements: Sequence[float], relaxation: tuple[float, ...]
 ) -> _Elastic | None:
-    """Return the most probable of the models that begin with some displacements, and with a relaxation time or none."""
+    """Return the model that begins with the best of some displacements, and with a relaxation time or none.
+
+    Larger displacements are tried while the evidence rises.
+    """
     state = tried.state
     given, problem = state.given, state.problem
     best: _Elastic | None = None
-    for share in DISPLACEMENTS:
-        values = dict(zip((f"{part}.x_s", f"{part}.t_s"), (share * half, *relaxation), strict=False))
+    for displacement in displacements:
+        values = dict(zip((f"{part}.x_s", f"{part}.t_s"), (displacement, *relaxation), strict=False))
         there = _with_law(given, part, values), _with_law(problem, part, values)
         try:
             with _machine(state, *there):
