@@ -171,7 +171,7 @@ def _found(tried: TriedModels, model: TriedModel, part: str, half: float) -> _El
     starts: list[_Elastic] = []
     undamped = _best_start(tried, model, part, displacements, ())
     for share in RELAXATIONS:
-        # damping makes the friction stiffer, so what fits best gives way no less; another relaxation time changes little
+        # damped bristles are stiffer when it reverses fast, so they give way no less; how much hardly hangs on the time
         if starts:
             displacements = [starts[-1].begun[f"{part}.x_s"]]
         elif undamped is not None:
