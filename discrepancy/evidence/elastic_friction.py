@@ -265,7 +265,7 @@ def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
     if model is not start:
         start.likelihood, start.evidence, start.at_likeliest = first[0], first[1], True
         start.proposals, model.parent = None, start.key
-        tried.models = {start.key: start, model.key: model}
+        tried.keep_only(start, model)
     # it stands at its likeliest parameters, so the others are moved to theirs as well
     tried.wander, tried.moved = found.wander, True
     stage = start.stage

@@ -107,7 +107,8 @@ class EvidenceSearch:
         while True:
             beam = self.tried.ranked()[: POLICY.beam]
             within = [m for m in beam if m.total >= beam[0].total - POLICY.reach]
-            if not [m for m in within if self.tried.refine(m)]:  # each of them: it may change the order
+            refined = [m for m in within if self.tried.refine(m)]  # each of them: it may change the order
+            if not refined and not self.tried.share_noise_of_best(beam):
                 break
         if self.expansions >= POLICY.expansions:
             return None

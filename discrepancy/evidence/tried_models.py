@@ -87,6 +87,7 @@ class TriedModels:
     wander: float = field(default=0.0, init=False)
     moved: bool = field(default=False, init=False)
     elastic: set[str] = field(default_factory=set, init=False)
+    _asked: set[tuple[tuple[str, ...], tuple[str, ...]]] = field(default_factory=set, init=False)
 
     @property
     def settled(self) -> bool:
@@ -137,6 +138,11 @@ class TriedModels:
         """Return the best model that has only some of these effects; None where none was tried."""
         within = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(key)]
         return max(within, key=lambda m: m.total, default=None)
+
+    def keep_only(self, *models: TriedModel) -> None:
+        """Forget all other models."""
+        self.models = {m.key: m for m in models}
+        self._asked.clear()
 
     def total_of(self, effects: Sequence[Effect]) -> float:
         """Return the log evidence of the model with some effects.
@@ -296,6 +302,16 @@ class TriedModels:
             for child in children:
                 self.with_noise_of(parent, child)
         return bool(better)
+
+    def share_noise_of_best(self, beam: Sequence[TriedModel]) -> bool:
+        """Fit the noise of rivals once more, from that of the best of them; tell whether that is likelier for any.
+
+        The best may be ahead for the random forces that were found beside it, which do as well beside another.
+        """
+        asked = [(beam[0].key, m.key) for m in beam[1:]]
+        new = [m for m, pair in zip(beam[1:], asked, strict=True) if pair not in self._asked]
+        self._asked.update(asked)
+        return bool([m for m in new if self.with_noise_of(beam[0], m)])
 
     def share_noise_of_simpler(self, model: TriedModel) -> None:
         """Fit the noise of a model once more, from that of the best with fewer of its effects, if it lies far below.
