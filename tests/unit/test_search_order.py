@@ -16,6 +16,7 @@ def search_with(**totals: float) -> EvidenceSearch:
     """Return a search that has fitted one model for each letter, none of which was extended."""
     state: Any = SimpleNamespace()
     search = EvidenceSearch(state)
+    search.tried.with_noise_of = lambda source, model: False  # type: ignore[method-assign]
     for letter, total in totals.items():
         evidence: Any = SimpleNamespace(total=total)
         likelihood: Any = SimpleNamespace(grow=True)  # its noise is as rich as it gets
@@ -53,3 +54,27 @@ def test_no_more_models_are_extended_than_the_policy_has() -> None:
     search = search_with(**totals)
     search.expansions = POLICY.expansions - 2
     assert order(search) == "ab"
+
+
+def test_rivals_are_compared_under_the_random_forces_found_beside_the_best_of_them() -> None:
+    search = search_with(a=100.0, b=80.0, c=70.0)
+    asked = []
+
+    def with_noise_of(source: TriedModel, model: TriedModel) -> bool:
+        asked.append((source.key[0], model.key[0]))
+        better = model.key == ("b",) and source.key == ("a",)
+        if better:
+            model.evidence = SimpleNamespace(total=105.0)  # type: ignore[assignment]
+        return better
+
+    search.tried.with_noise_of = with_noise_of  # type: ignore[method-assign]
+    assert order(search) == "b"
+    assert asked == [("a", "b"), ("a", "c"), ("b", "a"), ("b", "c")]  # each once
+
+
+@pytest.mark.parametrize(("alike", "extended"), [({"a": frozenset({"b"})}, "a"), ({"a": frozenset({"c"})}, "ab")])
+def test_what_only_has_another_name_is_not_extended_as_well(alike: dict[str, frozenset[str]], extended: str) -> None:
+    """A constant force and an offset of a pressure may be one to the records; beside either the same lacks."""
+    search = search_with(a=100.0, b=99.0)
+    search.tried.models["a",].proposals = SimpleNamespace(alike=alike)  # type: ignore[assignment]
+    assert order(search) == extended
