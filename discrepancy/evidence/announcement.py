@@ -118,7 +118,7 @@ class Announcement:
     @staticmethod
     def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
         """Return why an effect is dropped again; an empty text where it stays."""
-        if not gain.exceeds(POLICY.predictive_errors):
+        if not gain.exceeds_normal(POLICY.naming_errors):
             return "records left out are predicted no better with it"
         if not best.is_more_probable_than(without):
             return "the model without it is more probable"

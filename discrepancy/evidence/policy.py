@@ -61,8 +61,12 @@ class Policy:
     certain_errors : float
         Standard errors by which the log predictive score of the records held out must rise for that: what is asked of a
         discovery in physics.
+    naming_errors : float
+        Standard errors, of a normal distribution, by which the log predictive score of blocks left out must rise with
+        an effect that is named: a level of 5 %, which is how many names that are not there a user should meet.
     predictive_errors : float
-        Standard errors by which the log predictive score of records left out must rise with an effect.
+        Standard errors by which it must rise where less is claimed: of the records held out with an effect that the
+        others show, or of blocks left out with what has no name.
     temperature : float
         Divisor of log evidence in the probabilities that are shown.  The evidence takes the model for exact but for its
         noise; it never is, so its differences are too large.  Chosen before any case was judged; those judged since ask
@@ -95,6 +99,7 @@ class Policy:
     simulation_errors: float = SIMULATION_ERRORS
     growth: float = SHOWN_GROWTH
     certain_errors: float = 5.0
+    naming_errors: float = 1.645
     predictive_errors: float = 1.0
     temperature: float = 3.0
     unseen: float = 51 / 153

@@ -79,6 +79,10 @@ class PredictiveGain:
         """Tell whether the whole gain is above zero by more than so many standard errors."""
         return self.total > errors * self.standard_error
 
+    def exceeds_normal(self, errors: float) -> bool:
+        """Tell the same of so many standard errors of a normal distribution, as improbable with so few blocks."""
+        return self.exceeds(in_normal_errors(errors, self.blocks))
+
 
 def predictive_gain(one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
     """Return by how much ``one`` predicts blocks of the identification records left out better than ``other``.

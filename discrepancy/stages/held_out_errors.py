@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, t
 
 from discrepancy.stages.stage import Stage
+from discrepancy.statistics.few_blocks import in_normal_errors
 
 __all__ = ["SimulationGain", "gain_of_errors", "held_out_gain_of_errors", "simulated_worse"]
 
@@ -36,17 +36,8 @@ class SimulationGain:
         return ", ".join(f"{n} {100 * s:+.2g} ± {100 * e:.2g} %" for n, s, e in parts)
 
     def in_normal_errors(self, errors: float) -> float:
-        """Return the multiple of the standard error that is as improbable as ``errors`` of a normal distribution.
-
-        The standard error itself is known from a few blocks only, by Student's t.
-
-        Examples
-        --------
-        >>> few = SimulationGain(outputs=("y",), share=np.zeros(1), standard_error=np.ones(1), blocks=4)
-        >>> round(few.in_normal_errors(2.0), 2)
-        3.31
-        """
-        return float(t.ppf(norm.cdf(errors), self.blocks - 1)) if self.blocks > 1 else np.inf
+        """Return the multiple of the standard error that is as improbable as ``errors`` of a normal distribution."""
+        return in_normal_errors(errors, self.blocks)
 
     def helps(self, least: float, errors: float) -> bool:
         """Tell whether some output is simulated better by at least so large a share and so many standard errors."""
