@@ -19,6 +19,7 @@ from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.held_out_errors import SimulationGain, gain_of_errors
 from discrepancy.stages.prior_conflict import needs_prior_conflict
 from discrepancy.stages.stage import Stage
+from discrepancy.statistics.few_blocks import in_normal_errors
 
 __all__ = [
     "PredictiveGain",

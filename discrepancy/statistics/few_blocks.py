@@ -21,6 +21,6 @@ def in_normal_errors(errors: float, blocks: int) -> float:
     Examples
     --------
     >>> round(in_normal_errors(2.0, 4), 2), round(in_normal_errors(1.645, 8), 2)
-    (3.31, 1.9)
+    (3.31, 1.89)
     """
     return float(t.ppf(norm.cdf(errors), blocks - 1)) if blocks > 1 else np.inf
