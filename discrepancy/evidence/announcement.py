@@ -118,7 +118,9 @@ class Announcement:
     @staticmethod
     def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
         """Return why an effect is dropped again; an empty text where it stays."""
-        if not gain.exceeds_normal(POLICY.naming_errors):
+        named_anyway = bool(set(without.key) - set(best.key))  # by a simpler law in its place
+        sure = gain.exceeds(POLICY.predictive_errors) if named_anyway else gain.exceeds_normal(POLICY.naming_errors)
+        if not sure:
             return "records left out are predicted no better with it"
         if not best.is_more_probable_than(without):
             return "the model without it is more probable"

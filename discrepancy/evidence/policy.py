@@ -66,7 +66,7 @@ class Policy:
         an effect that is named: a level of 5 %, which is how many names that are not there a user should meet.
     predictive_errors : float
         Standard errors by which it must rise where less is claimed: of the records held out with an effect that the
-        others show, or of blocks left out with what has no name.
+        others show, or of blocks left out with what has no name, or with a law in the place of a simpler one.
     temperature : float
         Divisor of log evidence in the probabilities that are shown.  The evidence takes the model for exact but for its
         noise; it never is, so its differences are too large.  Chosen before any case was judged; those judged since ask
