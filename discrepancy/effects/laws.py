@@ -13,7 +13,7 @@ from typing import ClassVar
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
 from multibody.declare.domains import in_both_domains
-from multibody.library.laws import asymmetric, bell, contact, coulomb, one_sided, quadratic
+from multibody.library.laws import asymmetric, bell, bristle_rate, contact, coulomb, one_sided, quadratic
 
 __all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "DryLaw", "Law", "add_law"]
 
@@ -192,7 +192,7 @@ class _Hysteresis(Law):
 
     def equations(self):
         super().equations()
-        self.der.z = (self.speed - abs(self.speed) * self.z) / self.x_s
+        self.der.z = bristle_rate(self.speed, self.z, 1.0, self.x_s)
         self.force = -self.level * self.z
 
 

@@ -50,7 +50,8 @@ ELASTIC: dict[type[Component], tuple[type[Component], type[Component]]] = {
 }
 #: Displacements before sliding that are tried, as shares of half the travel: up to a hundredth, beyond which it is the
 #: effect `hysteresis`, two to a decade, because the fit goes on from the best and a linearisation holds for a factor of
-#: two or so.  The least is nearly rigid, so larger ones are tried while the evidence rises.
+#: two or so.  The least is nearly rigid, except on a shaft of many turns, so larger ones are tried while the evidence
+#: rises.
 DISPLACEMENTS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 #: Relaxation times of damped bristles that are tried, in sampling intervals: shorter ones are not seen, and much longer
 #: ones make friction follow the speed; what is in between is reached from these.

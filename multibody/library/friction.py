@@ -8,11 +8,9 @@ a spring.
 
 from __future__ import annotations
 
-import math
-
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, State, Translation
-from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic, stribeck
+from multibody.library.laws import asymmetric, bell, bristle_rate, coulomb, one_sided, quadratic, stribeck
 
 __all__ = [
     "AsymmetricFriction",
@@ -109,7 +107,7 @@ class RotaryCoulombFriction(_Coulomb, Turning):
 class _Dahl(Component):
     def equations(self):
         super().equations()
-        self.der.z = (self.speed - abs(self.speed) * self.z) / self.x_s
+        self.der.z = bristle_rate(self.speed, self.z, 1.0, self.x_s)
         self.resistance = self.coulomb * self.z
 
 
@@ -134,10 +132,14 @@ class RotaryDahlFriction(_Dahl, Turning):
 
 
 class _LuGre(Component):
+    t_s = Parameter(0.0, "s", "damping of the bristles over their stiffness", min=0.0)
+    breakaway = Parameter(1.0, "", "level at rest over that while sliding", min=1.0)
+    z = State("", "deflection of the bristles relative to sliding")
+
     def equations(self):
         super().equations()
-        level = 1.0 + (self.breakaway - 1.0) * math.exp(-((self.speed / self.v_stribeck) ** 2))
-        rate = (self.speed - abs(self.speed) * self.z / level) / self.x_s
+        level = 1.0 + (self.breakaway - 1.0) * bell(self.speed, 0.0, self.v_stribeck)
+        rate = bristle_rate(self.speed, self.z, level, self.x_s)
         self.der.z = rate
         self.resistance = self.coulomb * (self.z + self.t_s * rate)
 
@@ -154,10 +156,7 @@ class LuGreFriction(_LuGre, Sliding):
 
     coulomb = Parameter(None, "N", "level of dry friction while sliding", min=0.0)
     x_s = Parameter(1e-5, "m", "displacement before sliding", min=1e-12)
-    t_s = Parameter(0.0, "s", "damping of the bristles over their stiffness", min=0.0)
-    breakaway = Parameter(1.0, "", "level at rest over that while sliding", min=1.0)
     v_stribeck = Parameter(1e-2, "m/s", "speed at which the level falls", min=1e-12)
-    z = State("", "deflection of the bristles relative to sliding")
 
 
 class RotaryLuGreFriction(_LuGre, Turning):
@@ -165,10 +164,7 @@ class RotaryLuGreFriction(_LuGre, Turning):
 
     coulomb = Parameter(None, "N*m", "level of dry friction while sliding", min=0.0)
     x_s = Parameter(1e-4, "rad", "angle before sliding", min=1e-12)
-    t_s = Parameter(0.0, "s", "damping of the bristles over their stiffness", min=0.0)
-    breakaway = Parameter(1.0, "", "level at rest over that while sliding", min=1.0)
     v_stribeck = Parameter(1e-1, "rad/s", "speed at which the level falls", min=1e-12)
-    z = State("", "deflection of the bristles relative to sliding")
 
 
 class _Asymmetric(Component):

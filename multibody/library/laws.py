@@ -11,6 +11,7 @@ import math
 __all__ = [
     "asymmetric",
     "bell",
+    "bristle_rate",
     "clearance_contact",
     "contact",
     "coulomb",
@@ -52,6 +53,15 @@ def bell(x, middle, width):
 def one_sided(v, forward, backward, v_s):
     """Return the factor that goes from ``backward`` to ``forward`` as v passes zero."""
     return 0.5 * (forward + backward) + 0.5 * (forward - backward) * math.tanh(v / v_s)
+
+
+def bristle_rate(v, z, level, x_s):
+    """Return the rate of the deflection z of bristles that give way by ``x_s`` and slide at the deflection ``level``.
+
+    The deflection is over that while sliding.  P. R. Dahl, "A solid friction model", TOR-0158(3107-18)-1, 1968; with a
+    level that falls with speed, Canudas de Wit et al., IEEE Transactions on Automatic Control 40 (1995), eq. (1).
+    """
+    return (v - abs(v) * z / level) / x_s
 
 
 def stribeck(v, level, static, v_stribeck, exponent, v_s):

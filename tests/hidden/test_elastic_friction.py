@@ -85,15 +85,18 @@ def test_friction_that_gives_way_is_taken_into_the_model_and_not_named(tmp_path:
 
 
 def test_bristles_that_are_damped_make_it_the_law_of_lugre(tmp_path: Path) -> None:
-    """A ratio of damping of 0.9 at a natural frequency of 85 rad/s, below the sampling rate."""
+    """A ratio of damping of 0.9 at a natural frequency of 85 rad/s, below the sampling rate.
+
+    At the largest likelihood the displacement is off by 3e-4 of itself, the others by less.
+    """
     records = partial(slide, relaxation=0.02)
     study = Study.from_file(written(tmp_path, SLIDE, records, STUDY + RECORDS, seed=12))
     diagnosis = study.diagnose()
     assert diagnosis.verdict == "nothing missing"
     fitted = study.stage.identify.to_dict()
-    assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.05
-    assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
-    assert abs(fitted["dry.t_s"] / 0.02 - 1.0) < 0.3
+    assert abs(fitted["dry.coulomb"] / LEVEL - 1.0) < 0.01
+    assert abs(fitted["dry.x_s"] / DISPLACEMENT - 1.0) < 0.01
+    assert abs(fitted["dry.t_s"] / 0.02 - 1.0) < 0.01
     assert any("LuGre's law" in w for w in diagnosis.warnings)
 
 
@@ -110,7 +113,7 @@ def test_it_is_asked_again_beside_an_effect_that_may_have_hidden_it(tmp_path: Pa
     diagnosis = study.diagnose()
     assert asked[0] == ()
     assert [str(e) for e in study.stage.effects] == ["cubic_stiffness@spring"]
-    assert abs(study.stage.identify.to_dict()["dry.x_s"] / DISPLACEMENT - 1.0) < 0.3
+    assert study.stage.identify.to_dict()["dry.x_s"] == pytest.approx(DISPLACEMENT, rel=0.01)
     assert any("Dahl's law" in w for w in diagnosis.warnings)
 
 

@@ -139,3 +139,12 @@ def test_stated_values_count_where_only_the_effect_keeps_them(
 def test_a_gain_that_stated_values_do_not_outweigh_is_none() -> None:
     assert not PredictiveGain(gain=-60.0, standard_error=5.0, blocks=8, stated=50.0).exceeds(1.0)
     assert PredictiveGain(gain=-7.0, standard_error=2.0, blocks=8, stated=90.0).exceeds(1.0)
+
+
+def test_of_few_blocks_a_name_needs_more_standard_errors():
+    """A level of 5 %: 1.65 of a normal distribution are 1.9 of eight blocks, and 6.3 of two."""
+    gain = PredictiveGain(gain=18.5, standard_error=10.0, blocks=8)
+    assert gain.exceeds(1.645)
+    assert not gain.exceeds_normal(1.645)
+    assert PredictiveGain(gain=19.5, standard_error=10.0, blocks=8).exceeds_normal(1.645)
+    assert not PredictiveGain(gain=60.0, standard_error=10.0, blocks=2).exceeds_normal(1.645)
