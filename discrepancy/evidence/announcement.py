@@ -95,6 +95,8 @@ class Announcement:
                 else:
                     self.predictive[dropped] = gain
                 state.progress(f"{dropped}: log predictive score of {gain.blocks} blocks left out {gain}")
+                self._tried.doubt(best)
+                self._tried.doubt(model)
                 why = self._why_dropped(best, model, gain)
                 if why and (weakest is None or gain.total < weakest[0]):
                     weakest = gain.total, model, f"{dropped} is not taken: {why}"
@@ -244,8 +246,8 @@ class Announcement:
         rivals = list({m.key: m for m in (best, *fewer, *([self._tried.start] if self._tried.start else []))}.values())
         for model in rivals:
             self._ask_for_unknown_law(model)
-        likeliest = max(rivals[1:], key=lambda m: m.log_weight_with_law_in_place, default=best)
-        if likeliest is best or likeliest.log_weight_with_law_in_place <= best.log_weight_with_law:
+        likeliest = max(rivals[1:], key=lambda m: m.log_weight_with_law_in_place(best), default=best)
+        if likeliest is best or likeliest.log_weight_with_law_in_place(best) <= best.log_weight_with_law:
             return best
         law = likeliest.unknown_law
         assert law is not None

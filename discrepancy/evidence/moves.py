@@ -86,6 +86,9 @@ class TriedModel:
         Whether it is the search's answer.
     unconfirmed : bool
         Whether the evidence is for it, and the records held out are predicted no better with it.
+    overstated : float
+        Nats of its evidence that do not hold, because its standard errors are larger than its likelihood promises;
+        once `discrepancy.evidence.tried_models.TriedModels.doubt` has asked.
     unknown_law : UnknownLaw or None
         What follows the machine's state beside it, once that has been asked.
     at_likeliest : bool
@@ -111,6 +114,7 @@ class TriedModel:
     matters: bool = True
     taken: bool = False
     unconfirmed: bool = False
+    overstated: float = 0.0
     unknown_law: UnknownLaw | None = None
     at_likeliest: bool = False
     in_full: bool = True
@@ -165,20 +169,17 @@ class TriedModel:
         told = law is not None and law.announced
         return self._log_weight(law.gain, law.log_odds) if law is not None and told else self._log_weight()
 
-    @property
-    def log_weight_with_law_in_place(self) -> float:
-        """The same, where that stands in the place of an effect of another model, which was fitted.
-
-        What has no name is not fitted: its evidence is that of this model's linearisation.
-        """
+    def log_weight_with_law_in_place(self, other: TriedModel) -> float:
+        """Return the same, where that stands in the place of an effect of another model, which was fitted."""
         law = self.unknown_law
-        told = law is not None and law.announced
-        return self._log_weight(law.gain - POLICY.reach, law.log_odds) if law is not None and told else -math.inf
+        if law is None or not law.announced:
+            return -math.inf
+        return self._log_weight(law.gain - law.price_in_place(other.unknown_law), law.log_odds)
 
     def _log_weight(self, gain: float = 0.0, log_odds: float = 0.0) -> float:
         """Return the log weight with something more that gains so much, its log prior odds included."""
         odds = self.log_odds + log_odds
-        return (self.total + gain - odds) / POLICY.temperature + odds
+        return (self.total - self.overstated + gain - odds) / POLICY.temperature + odds
 
     def to_dict(self) -> dict[str, object]:
         """Return it as it stands in decisions.json."""
@@ -195,6 +196,7 @@ class TriedModel:
                 "log_prior_density": evidence.log_prior,
                 "log_prior_odds": evidence.log_odds,
                 "log_noise": evidence.log_noise,
+                "overstated": self.overstated,
             },
             "p_value": self.p_value,
             "taken": self.taken,

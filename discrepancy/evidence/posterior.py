@@ -156,15 +156,15 @@ def _share_unseen() -> float:
 
 
 def _of_records(model: TriedModel, first: float, wander: float) -> float:
-    """Return the log evidence of a model without its prior odds, that of chance by another linearisation left out.
+    """Return the log evidence of a model without its prior odds, what is overstated or chance of it left out.
 
-    Of what a model gains over the first it is the part by which an effect must raise the evidence to be better at all;
-    see `discrepancy.evidence.tried_models.judge`.
+    Another linearisation changes it by chance: of what a model gains over the first it is the part by which an effect
+    must raise the evidence to be better at all; see `discrepancy.evidence.tried_models.judge`.
     """
-    data = model.total - model.log_odds
-    if not model.key or model.promises_enough or not math.isfinite(first):
-        return data
-    return data - min(wander, max(model.total - first, 0.0))
+    total = model.total - model.overstated
+    if model.key and not model.promises_enough and math.isfinite(first):
+        total -= min(wander, max(total - first, 0.0))
+    return total - model.log_odds
 
 
 def _probability_of(
@@ -264,11 +264,13 @@ def _unknown_laws(
     `discrepancy.evidence.moves.TriedModel.log_weight_with_law_in_place`.
     """
     beside = {}
+    taken = models.get(tuple(sorted(found)))
+    law_of_taken = taken.unknown_law if taken is not None else None
     for key, model in models.items():
         law = model.unknown_law
         if law is not None and law.predicts and key in weights:
             weight = weights[key]
-            less = POLICY.reach if set(key) < set(found) else 0.0
+            less = law.price_in_place(law_of_taken) if set(key) < set(found) else 0.0
             data, odds = weight.data + law.gain - less - law.log_odds, weight.odds + law.log_odds
             beside[(*key, law.name)] = _Weight(data, odds, key)
     return beside
@@ -306,7 +308,7 @@ def rivals_of(
     """Return the other explanations of an effect: the models with something else in its place, best first."""
     rest = set(best.key) - {name}
     weights = {
-        k: _Weight(m.total - m.log_odds, m.log_odds, k)
+        k: _Weight(m.total - m.overstated - m.log_odds, m.log_odds, k)
         for k, m in models.items()
         if math.isfinite(m.total) and (m.matters or m.unconfirmed or m is best)
     }
@@ -318,7 +320,7 @@ def rivals_of(
         if name in key or not rest <= set(key) or len(new) != 1:
             continue
         kind, _, where = next(iter(new)).partition("@")
-        behind = best.total - weight.total
+        behind = best.total - best.overstated - weight.total
         rivals.append(
             RivalExplanation(
                 kind=kind,

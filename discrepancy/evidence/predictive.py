@@ -22,6 +22,7 @@ from discrepancy.stages.stage import Stage
 from discrepancy.statistics.few_blocks import in_normal_errors
 
 __all__ = [
+    "Known",
     "PredictiveGain",
     "changed_share",
     "gain_of_scores",
@@ -31,6 +32,8 @@ __all__ = [
     "shift_over_noise",
     "simulation_gain",
     "stated_score",
+    "what_is_known",
+    "whitened_blocks",
 ]
 
 #: Blocks that are left out in turn, at least: records, cut in parts where there are fewer.
@@ -196,7 +199,7 @@ def stated_score(likelihood: StageLikelihood) -> float:
     rows = np.eye(len(sens.names))[is_stated] / sens.prior_std[is_stated, None]
     stated = sens.prior_offset[is_stated] / sens.prior_std[is_stated], rows[:, moved]
     columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
-    blocks, _ = _blocks(columns, likelihood.noise.model, 1)
+    blocks, _ = whitened_blocks(columns, likelihood.noise.model, 1)
     *_, known = _left_out([*blocks, stated], np.where(is_stated[moved], np.inf, std), offset)
     return _score(*stated, 0.0, known)
 
@@ -205,7 +208,7 @@ def scores_of_blocks(
     columns: Sequence[RecordColumns], model: NoiseModel, std: np.ndarray, offset: np.ndarray
 ) -> np.ndarray:
     """Return the same of records under a noise model and priors of their shared parameters."""
-    blocks, roots = _blocks(columns, model, max(1, -(-BLOCKS // len(columns))))
+    blocks, roots = whitened_blocks(columns, model, max(1, -(-BLOCKS // len(columns))))
     given = _left_out(blocks, std, offset)
     return np.array([_score(*block, root, known) for block, root, known in zip(blocks, roots, given, strict=True)])
 
@@ -225,10 +228,10 @@ def held_out_scores(problem: Problem, likelihood: StageLikelihood, left_out: Seq
     """Return the log predictive density of blocks of the records held out, given the identification records, (n,)."""
     model, held = likelihood.noise.model, likelihood.held
     columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
-    known = _known(_blocks(columns, model, 1)[0], std, offset)
+    known = what_is_known(whitened_blocks(columns, model, 1)[0], std, offset)
     linearised = _held_out(problem, likelihood)
     later, _, _ = record_columns(linearised, linear_records(linearised, left_out), held)
-    blocks, roots = _blocks(later, model, max(1, -(-BLOCKS // len(later))))
+    blocks, roots = whitened_blocks(later, model, max(1, -(-BLOCKS // len(later))))
     return np.array([_score(*block, root, known) for block, root in zip(blocks, roots, strict=True)])
 
 
@@ -239,7 +242,7 @@ def _held_out(problem: Problem, likelihood: StageLikelihood) -> LinearisedProble
     return likelihood.linearised.with_calibration(replace(likelihood.stage.identify, fits=quiet))
 
 
-def _blocks(
+def whitened_blocks(
     columns: Sequence[RecordColumns], model: NoiseModel, parts: int
 ) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[float]]:
     """Return residual and shared columns of each part of each record, whitened, and the log of the whitening's root."""
@@ -254,7 +257,7 @@ def _blocks(
     return blocks, roots
 
 
-def _score(residual: np.ndarray, shared: np.ndarray, root: float, known: _Known) -> float:
+def _score(residual: np.ndarray, shared: np.ndarray, root: float, known: Known) -> float:
     """Return the log predictive density of a block, whitened, given what other blocks say of the parameters."""
     r, columns = residual - shared @ known.change, shared / known.size
     # the covariance I + F A⁻¹ Fᵀ of a block, by the small matrix
@@ -266,7 +269,7 @@ def _score(residual: np.ndarray, shared: np.ndarray, root: float, known: _Known)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Known:
+class Known:
     """What some blocks say of the parameters.
 
     Parameters
@@ -293,19 +296,21 @@ def _normal_equations(
     return whole, right, np.sqrt(np.maximum(np.diag(whole), 1e-300))
 
 
-def _known(blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray) -> _Known:
+def what_is_known(
+    blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray
+) -> Known:
     """Return what all blocks, each residual and columns in standard deviations, say of the parameters."""
     whole, right, size = _normal_equations(blocks, prior_std, prior_offset)
     normal = whole / np.outer(size, size) + RIDGE * np.eye(size.size)
-    return _Known(change=np.linalg.solve(normal, right / size) / size, normal=normal, size=size)
+    return Known(change=np.linalg.solve(normal, right / size) / size, normal=normal, size=size)
 
 
 def _left_out(
     blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray
-) -> Iterator[_Known]:
+) -> Iterator[Known]:
     """Yield for each block, its residual and columns in standard deviations, what the others say of the parameters."""
     whole, right, size = _normal_equations(blocks, prior_std, prior_offset)
     for e, f in blocks:
         rest, left = whole - (1.0 - KEPT) * f.T @ f, right - (1.0 - KEPT) * f.T @ e
         normal = rest / np.outer(size, size) + RIDGE * np.eye(size.size)
-        yield _Known(change=np.linalg.solve(normal, left / size) / size, normal=normal, size=size)
+        yield Known(change=np.linalg.solve(normal, left / size) / size, normal=normal, size=size)

@@ -74,7 +74,9 @@ class EvidenceSearch:
             if model.key and with_elastic_friction(self.tried, model):
                 self._score_first_again(start)
             self._extend(model)
-        best = self.announcement.of(self.tried.ranked()[0])
+        best = self.announcement.of(self.tried.most_probable())
+        for model in self.tried.models.values():  # their probabilities are shown
+            self.tried.doubt(model)
         best.taken = True
         make_stages(self.tried, start, best)
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.parameter_errors import with_errors_of_likelihood
 from discrepancy.evidence.posterior import rivals_of
 from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.stages.fit_stage import with_validation
@@ -53,7 +54,8 @@ def make_stages(tried: TriedModels, start: TriedModel, best: TriedModel) -> None
 def _with_some(tried: TriedModels, effects: tuple[Effect, ...], model: TriedModel | None, best: TriedModel) -> Stage:
     """Return the stage of some of the best model's effects, from where the model with just these stands."""
     if model is not None and model.likelihood is not None:
-        return tried.as_reported(model)
+        stage = tried.as_reported(model)
+        return with_errors_of_likelihood(stage, model.likelihood) if model.at_likeliest else stage
     name = " + ".join(map(str, effects))
     try:
         return tried.state.fitted(name, effects, best.stage, best.stage.noise)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from discrepancy.evidence import moves
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
+from discrepancy.evidence.parameter_errors import ParameterErrors, parameter_errors
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.stages.fit_stage import with_validation
@@ -88,6 +90,7 @@ class TriedModels:
     moved: bool = field(default=False, init=False)
     elastic: set[str] = field(default_factory=set, init=False)
     _asked: set[tuple[tuple[str, ...], tuple[str, ...]]] = field(default_factory=set, init=False)
+    _errors: WeakKeyDictionary[StageLikelihood, ParameterErrors] = field(default_factory=WeakKeyDictionary, init=False)
 
     @property
     def settled(self) -> bool:
@@ -112,6 +115,13 @@ class TriedModels:
     def ranked(self) -> list[TriedModel]:
         """Return the models that may be extended or taken, best first."""
         return sorted((m for m in self.models.values() if m.better), key=lambda m: -m.total)
+
+    def most_probable(self) -> TriedModel:
+        """Return the model that may be taken of which most evidence remains where it is overstated."""
+        ranked = self.ranked()
+        for model in ranked:
+            self.doubt(model)
+        return max(ranked, key=lambda m: m.total - m.overstated)
 
     def known(self, stage: Stage) -> TriedModel:
         """Return the model of a stage among those that were tried; it joins them if it is new."""
@@ -155,6 +165,35 @@ class TriedModels:
         if model is None or not math.isfinite(model.total):
             model = self.best_within(key)
         return model.total if model is not None else -math.inf
+
+    def doubt(self, model: TriedModel) -> None:
+        """Note by how many nats the evidence of a model is overstated.
+
+        What its effects gain over the best model with fewer of them holds only as far as their standard errors are as
+        small as the likelihood promises.
+        """
+        model.overstated = 0.0
+        simpler = self.best_within(model.key)
+        if model.likelihood is None or simpler is None:
+            return
+        gain = (model.total - model.log_odds) - (simpler.total - simpler.log_odds)
+        if not gain > 0.0:
+            return
+        self.doubt(simpler)
+        if model.likelihood not in self._errors:
+            self._errors[model.likelihood] = parameter_errors(model.likelihood)
+        new = self._strengths_of([e for e in model.stage.effects if not set(key_of([e])) <= set(simpler.key)])
+        share = self._errors[model.likelihood].share_that_holds(new)
+        model.overstated = simpler.overstated + (1.0 - share) * gain
+
+    def _strengths_of(self, effects: Sequence[Effect]) -> dict[str, float]:
+        """Return the strengths of effects; of parameters of the machine, how far they are from what is stated."""
+        stated = self.prior.stated if self.prior is not None else {}
+        return {
+            name: value - (stated.get(name, 0.0) if e.definition.stated else 0.0)
+            for e in effects
+            for name, value in ((e.parameter_name(k), v) for k, v in e.strengths.items())
+        }
 
     # ---------------------------------------------------------------- parameters
 

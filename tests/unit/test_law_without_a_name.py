@@ -12,15 +12,35 @@ from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import posterior
+from discrepancy.evidence.predictive import PredictiveGain
+from discrepancy.evidence.unknown_law import UnknownLaw
 
 NAMED = "input_delay@drive"
 
 
-def models(gain_of_law: float, gain_of_effect: float) -> dict[tuple[str, ...], TriedModel]:
-    """Return the model without effects, beside which a law without a name gains so much, and that with an effect."""
-    law: Any = SimpleNamespace(gain=gain_of_law, log_odds=0.0, announced=True, predicts=True, name="unknown_force@rail")
+def law(where: str, gain: float) -> UnknownLaw:
+    """Return a force without a name that gains so much, and passes all tests."""
+    return UnknownLaw(
+        where=where,
+        acts_on="connection",
+        depends_on=("cart.v",),
+        gain=gain,
+        log_odds=0.0,
+        share={"cart.v": 0.5},
+        samples=1000,
+        predictive=PredictiveGain(gain=gain, standard_error=1.0, blocks=8),
+    )
+
+
+def models(
+    gain_of_law: float, gain_of_effect: float, beside: UnknownLaw | None = None
+) -> dict[tuple[str, ...], TriedModel]:
+    """Return the model without effects, beside which a law without a name gains so much, and that with an effect.
+
+    The latter has another law beside it, or none.
+    """
     found = []
-    for key, total, unknown_law in (((), 0.0, law), ((NAMED,), gain_of_effect, None)):
+    for key, total, unknown_law in (((), 0.0, law("rail", gain_of_law)), ((NAMED,), gain_of_effect, beside)):
         likelihood: Any = SimpleNamespace(stage=SimpleNamespace(effects=()))
         evidence = Evidence(log_likelihood=total, log_prior=0.0, log_odds=0.0)
         model = TriedModel(likelihood=likelihood, key=key, evidence=evidence, better=True, unknown_law=unknown_law)
@@ -28,16 +48,35 @@ def models(gain_of_law: float, gain_of_effect: float) -> dict[tuple[str, ...], T
     return {m.key: m for m in found}
 
 
-@pytest.mark.parametrize(("more", "named"), [(POLICY.reach - 1.0, True), (POLICY.reach + 1.0, False), (-50.0, True)])
-def test_a_named_effect_stays_where_a_law_without_a_name_is_as_good(monkeypatch, more, named):
-    tried = models(100.0 + more, 100.0)
+def answer_of(monkeypatch: pytest.MonkeyPatch, tried: dict[tuple[str, ...], TriedModel]) -> TriedModel:
+    """Return what of the model with the effect is announced."""
     state: Any = SimpleNamespace(progress=lambda text: None)
     trials: Any = SimpleNamespace(tried=SimpleNamespace(state=state, models=tried, start=tried[()]))
     announcement = Announcement(trials)
     monkeypatch.setattr(Announcement, "_ask_for_unknown_law", lambda self, model: None)
     monkeypatch.setattr("discrepancy.evidence.announcement.moves.drops", lambda model: [])
-    best = announcement._beside_unknown_law(tried[(NAMED,)])
+    return announcement._beside_unknown_law(tried[(NAMED,)])
+
+
+@pytest.mark.parametrize(("more", "named"), [(POLICY.reach - 1.0, True), (POLICY.reach + 1.0, False), (-50.0, True)])
+def test_a_named_effect_stays_where_a_law_without_a_name_is_as_good(monkeypatch, more, named):
+    tried = models(100.0 + more, 100.0)
+    best = answer_of(monkeypatch, tried)
     assert best is tried[(NAMED,) if named else ()]
     # the probabilities say the same
     shown = posterior(tried, list(best.key), None)
     assert (shown.models[(NAMED,)] > shown.models[("unknown_force@rail",)]) is named
+
+
+@pytest.mark.parametrize(
+    ("where", "adds", "named"),
+    [("rail", -3.0, False), ("rail", 3.0, True), ("drive", -3.0, True), ("drive", -13.0, False)],
+)
+def test_a_named_effect_must_add_something_to_a_law_that_stands_beside_it(monkeypatch, where, adds, named):
+    """A law at another place stands for something else: the effect is the only one of the two that was fitted there."""
+    tried = models(200.0, 60.0, beside=law(where, 140.0 + adds))
+    best = answer_of(monkeypatch, tried)
+    assert best is tried[(NAMED,) if named else ()]
+    shown = posterior(tried, list(best.key), None)
+    with_name = shown.models[(NAMED,)] + shown.models[(NAMED, f"unknown_force@{where}")]
+    assert (with_name > shown.models[("unknown_force@rail",)]) is named
