@@ -158,7 +158,8 @@ class Announcement:
                     score = held_out_gain(state.problem, best.likelihood, model.likelihood)
                     state.progress(f"{dropped}: log predictive score of {score.blocks} blocks held out {score}")
                     helps = score.exceeds(POLICY.predictive_errors)
-                if helps and not worse and not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                harms = gain.harms(POLICY.harm, gain.in_normal_errors(POLICY.simulation_errors))
+                if helps and not worse and not harms:
                     continue
                 if weakest is None or model.total > weakest[0]:
                     weakest = model.total, model, dropped
