@@ -48,11 +48,11 @@ ELASTIC: dict[type[Component], tuple[type[Component], type[Component]]] = {
     CoulombFriction: (DahlFriction, LuGreFriction),
     RotaryCoulombFriction: (RotaryDahlFriction, RotaryLuGreFriction),
 }
-#: Displacements before sliding that are tried, as shares of half the travel: up to a hundredth, beyond which it is the
-#: effect `hysteresis`, two to a decade, because the fit goes on from the best and a linearisation holds for a factor of
-#: two or so.  The least is nearly rigid, except on a shaft of many turns, so larger ones are tried while the evidence
-#: rises.
-DISPLACEMENTS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+#: Displacements before sliding that are tried: up to a hundredth of half the travel, beyond which it is the effect
+#: `hysteresis`, two to a decade, because the fit goes on from the best and a linearisation holds for a factor of two or
+#: so.  The least is nearly rigid: a ten-thousandth of half the travel, or, on a shaft of many turns, how far it moves
+#: within one sampling interval of a reversal.
+LARGEST, LEAST, TO_A_DECADE = 1e-2, 1e-4, 2
 #: Relaxation times of damped bristles that are tried, in sampling intervals: shorter ones are not seen, and much longer
 #: ones make friction follow the speed; what is in between is reached from these.
 RELAXATIONS = (0.3, 3.0)
@@ -120,11 +120,11 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
     state = tried.state
     assert model.likelihood is not None
     replaced = False
-    for name, half in _rigid_frictions(tried, model.likelihood):
+    for name, displacements in _rigid_frictions(tried, model.likelihood):
         state.progress(f"whether {name} gives way before it slides")
         before, settings, kept = model.total, (state.given, state.problem), None
         try:
-            found = _found(tried, model, name, half)
+            found = _found(tried, model, name, displacements)
             if found is not None and found.total - before > max(POLICY.reach, tried.wander + found.wander):
                 _keep(tried, model, found)
                 kept = found
@@ -141,8 +141,8 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
     return replaced
 
 
-def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tuple[str, float]]:
-    """Return the parts with a law that fades with speed, if anything random was found, and half of their travels."""
+def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tuple[str, list[float]]]:
+    """Return the parts with a law that fades with speed, and the displacements to try, if anything random was found."""
     if not likelihood.noise.model.processes:
         return []
     system, linearised = likelihood.stage.system, likelihood.linearised
@@ -150,13 +150,39 @@ def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tu
     found = []
     for j in places_that_stick(linearised):
         place = system.places[j]
-        position = f"place.{place.name}.{place.motion_names()[0][0]}"
+        (position, *_), (acceleration, *_) = place.motion_names()[0], place.motion_names()[-1]
         for name in (place.name, *place.also):
             if type(parts.get(name)) in ELASTIC:
-                runs = [linearised.nominal_outputs(i)[position] for i in range(len(linearised.experiments))]
-                low, high = min(float(r.min()) for r in runs), max(float(r.max()) for r in runs)
-                found.append((name, 0.5 * (high - low)))
+                runs = [linearised.nominal_outputs(i) for i in range(len(linearised.experiments))]
+                travel = float(np.ptp(np.concatenate([r[f"place.{place.name}.{position}"] for r in runs])))
+                square = np.mean(np.concatenate([r[f"place.{place.name}.{acceleration}"] for r in runs]) ** 2)
+                reversal = 0.5 * float(np.sqrt(square)) * _interval(likelihood) ** 2
+                found.append((name, _displacements(0.5 * travel, reversal)))
     return found
+
+
+def _displacements(half: float, reversal: float) -> list[float]:
+    """Return the displacements to try, smallest first.
+
+    Parameters
+    ----------
+    half : float
+        Of the travel.
+    reversal : float
+        How far it moves within one sampling interval of a reversal.
+
+    Examples
+    --------
+    >>> [f"{x:.1e}" for x in _displacements(1.0, 0.01)]
+    ['1.0e-04', '3.2e-04', '1.0e-03', '3.2e-03', '1.0e-02']
+    >>> [f"{x:.1e}" for x in _displacements(1.0, 2e-5)]
+    ['1.0e-05', '3.2e-05', '1.0e-04', '3.2e-04', '1.0e-03', '3.2e-03', '1.0e-02']
+    """
+    if not half > 0.0:
+        return []
+    least = min(LEAST, max(reversal / half, np.finfo(float).eps))
+    steps = int(np.ceil(TO_A_DECADE * np.log10(LARGEST / least) - 1e-9))
+    return [half * LARGEST * 10.0 ** (-k / TO_A_DECADE) for k in range(steps, -1, -1)]
 
 
 def _interval(likelihood: StageLikelihood) -> float:
@@ -164,11 +190,10 @@ def _interval(likelihood: StageLikelihood) -> float:
     return float(np.median(np.concatenate([np.diff(r.time) for r in likelihood.noise.records])))
 
 
-def _found(tried: TriedModels, model: TriedModel, part: str, half: float) -> _Elastic | None:
+def _found(tried: TriedModels, model: TriedModel, part: str, displacements: Sequence[float]) -> _Elastic | None:
     """Return a model with the friction of a part elastic, and damped if the evidence is for that as well."""
     assert model.likelihood is not None
     interval = _interval(model.likelihood)
-    displacements = [share * half for share in DISPLACEMENTS]
     starts: list[_Elastic] = []
     undamped = _best_start(tried, model, part, displacements, ())
     for share in RELAXATIONS:

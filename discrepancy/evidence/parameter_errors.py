@@ -10,7 +10,7 @@ Sources: White (1982), Econometrica 50, 1 (the sandwich); Pauli, Racugno and Ven
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from discrepancy.innovations.noise_fit import prior_precision
 from discrepancy.stages.stage import Stage
 from estimation.fit.intervals import block_sandwich
 
-__all__ = ["ParameterErrors", "parameter_errors", "with_errors_of_likelihood"]
+__all__ = ["ParameterErrors", "errors_of_blocks", "parameter_errors", "with_errors_of_likelihood"]
 
 #: Blocks that all records together are cut into, about: a variance is then known to a seventh.  Innovations remember
 #: little, so a block may be short.
@@ -84,15 +84,29 @@ def parameter_errors(likelihood: StageLikelihood) -> ParameterErrors:
     """
     held = likelihood.stage.identify.at_bound
     columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
-    blocks = whitened_blocks(columns, likelihood.noise.model, max(1, -(-BLOCKS // len(columns))))[0]
+    blocks, _ = whitened_blocks(columns, likelihood.noise.model, max(1, -(-BLOCKS // len(columns))))
+    names = tuple(n for n in likelihood.linearised.sensitivities().names if n not in held)
+    return errors_of_blocks(names, blocks, std, offset)
+
+
+def errors_of_blocks(
+    names: tuple[str, ...], blocks: Sequence[tuple[np.ndarray, np.ndarray]], std: np.ndarray, offset: np.ndarray
+) -> ParameterErrors:
+    """Return the same of residual and columns of every block, both as innovations.
+
+    Parameters
+    ----------
+    names : tuple of str
+    blocks : sequence of (ndarray, ndarray), shapes (n,) and (n, k)
+    std, offset : ndarray, shape (k,)
+        Priors of the parameters: deviation, and how far from the linearisation's value.
+    """
     known = what_is_known(blocks, std, offset)
-    inverse = np.linalg.inv(known.normal)
-    sandwich = block_sandwich(
-        [f for _, f in blocks], [e - f @ known.change for e, f in blocks], np.diag(prior_precision(std))
-    )
+    left = [e - f @ known.change for e, f in blocks]
+    sandwich = block_sandwich([f for _, f in blocks], left, np.diag(prior_precision(std)))
     return ParameterErrors(
-        names=tuple(n for n in likelihood.linearised.sensitivities().names if n not in held),
-        promised=inverse / np.outer(known.size, known.size),
+        names=names,
+        promised=np.linalg.inv(known.normal) / np.outer(known.size, known.size),
         found=sandwich.covariance,
         degrees=int(sandwich.dof),
     )
