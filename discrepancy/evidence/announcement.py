@@ -95,8 +95,7 @@ class Announcement:
                 else:
                     self.predictive[dropped] = gain
                 state.progress(f"{dropped}: log predictive score of {gain.blocks} blocks left out {gain}")
-                self._tried.doubt(best)
-                self._tried.doubt(model)
+                self._tried.doubt()
                 why = self._why_dropped(best, model, gain)
                 if why and (weakest is None or gain.total < weakest[0]):
                     weakest = gain.total, model, f"{dropped} is not taken: {why}"

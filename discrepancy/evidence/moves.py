@@ -172,9 +172,19 @@ class TriedModel:
     def log_weight_with_law_in_place(self, other: TriedModel) -> float:
         """Return the same, where that stands in the place of an effect of another model, which was fitted."""
         law = self.unknown_law
-        if law is None or not law.announced:
-            return -math.inf
-        return self._log_weight(law.gain - law.price_in_place(other.unknown_law), law.log_odds)
+        return (
+            self._log_weight(self.gain_of_law(other), law.log_odds) if law is not None and law.announced else -math.inf
+        )
+
+    def gain_of_law(self, other: TriedModel) -> float:
+        """Return by how much an unknown law raises the evidence where it stands in the place of an effect of another.
+
+        Of its gain no more holds than of that of the effect: rivals are compared by their whole evidence.
+        """
+        assert self.unknown_law is not None
+        rise, law = other.total - self.total, self.unknown_law
+        doubted = (other.overstated - self.overstated) / rise if rise > 0.0 else 0.0
+        return law.gain - law.price_in_place(other.unknown_law) - max(doubted, 0.0) * max(law.gain, 0.0)
 
     def _log_weight(self, gain: float = 0.0, log_odds: float = 0.0) -> float:
         """Return the log weight with something more that gains so much, its log prior odds included."""

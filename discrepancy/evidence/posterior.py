@@ -265,13 +265,12 @@ def _unknown_laws(
     """
     beside = {}
     taken = models.get(tuple(sorted(found)))
-    law_of_taken = taken.unknown_law if taken is not None else None
     for key, model in models.items():
         law = model.unknown_law
         if law is not None and law.predicts and key in weights:
             weight = weights[key]
-            less = law.price_in_place(law_of_taken) if set(key) < set(found) else 0.0
-            data, odds = weight.data + law.gain - less - law.log_odds, weight.odds + law.log_odds
+            gain = model.gain_of_law(taken) if taken is not None and set(key) < set(found) else law.gain
+            data, odds = weight.data + gain - law.log_odds, weight.odds + law.log_odds
             beside[(*key, law.name)] = _Weight(data, odds, key)
     return beside
 

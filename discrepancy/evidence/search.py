@@ -75,8 +75,7 @@ class EvidenceSearch:
                 self._score_first_again(start)
             self._extend(model)
         best = self.announcement.of(self.tried.most_probable())
-        for model in self.tried.models.values():  # their probabilities are shown
-            self.tried.doubt(model)
+        self.tried.doubt()  # their probabilities are shown
         best.taken = True
         make_stages(self.tried, start, best)
 

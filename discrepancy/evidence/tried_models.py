@@ -118,10 +118,8 @@ class TriedModels:
 
     def most_probable(self) -> TriedModel:
         """Return the model that may be taken of which most evidence remains where it is overstated."""
-        ranked = self.ranked()
-        for model in ranked:
-            self.doubt(model)
-        return max(ranked, key=lambda m: m.total - m.overstated)
+        self.doubt()
+        return max(self.ranked(), key=lambda m: m.total - m.overstated)
 
     def known(self, stage: Stage) -> TriedModel:
         """Return the model of a stage among those that were tried; it joins them if it is new."""
@@ -166,25 +164,34 @@ class TriedModels:
             model = self.best_within(key)
         return model.total if model is not None else -math.inf
 
-    def doubt(self, model: TriedModel) -> None:
-        """Note by how many nats the evidence of a model is overstated.
+    def doubt(self) -> None:
+        """Note by how many nats the evidence of each model is overstated.
 
         What its effects gain over the best model with fewer of them holds only as far as their standard errors are as
-        small as the likelihood promises.
+        small as the likelihood promises.  Rivals are compared by their whole evidence: what holds of what they gain
+        over the same model is asked of the best of them.
         """
-        model.overstated = 0.0
-        simpler = self.best_within(model.key)
-        if model.likelihood is None or simpler is None:
-            return
-        gain = (model.total - model.log_odds) - (simpler.total - simpler.log_odds)
-        if not gain > 0.0:
-            return
-        self.doubt(simpler)
+        fitted = sorted((m for m in self.models.values() if m.likelihood is not None), key=lambda m: len(m.key))
+        beyond: dict[tuple[str, ...], list[TriedModel]] = {}
+        for model in fitted:
+            if (simpler := self.best_within(model.key)) is not None:
+                beyond.setdefault(simpler.key, []).append(model)
+        shares = {key: self._share_that_holds(max(m, key=lambda m: m.total), key) for key, m in beyond.items()}
+        for model in fitted:
+            model.overstated = 0.0
+            if (simpler := self.best_within(model.key)) is not None:
+                gain = (model.total - model.log_odds) - (simpler.total - simpler.log_odds)
+                model.overstated = simpler.overstated + (1.0 - shares[simpler.key]) * max(gain, 0.0)
+
+    def _share_that_holds(self, model: TriedModel, simpler: tuple[str, ...]) -> float:
+        """Return what share of its gain over a simpler model holds."""
+        assert model.likelihood is not None
+        if model.total <= self.models[simpler].total:
+            return 1.0
         if model.likelihood not in self._errors:
             self._errors[model.likelihood] = parameter_errors(model.likelihood)
-        new = self._strengths_of([e for e in model.stage.effects if not set(key_of([e])) <= set(simpler.key)])
-        share = self._errors[model.likelihood].share_that_holds(new)
-        model.overstated = simpler.overstated + (1.0 - share) * gain
+        new = [e for e in model.stage.effects if not set(key_of([e])) <= set(simpler)]
+        return self._errors[model.likelihood].share_that_holds(self._strengths_of(new))
 
     def _strengths_of(self, effects: Sequence[Effect]) -> dict[str, float]:
         """Return the strengths of effects; of parameters of the machine, how far they are from what is stated."""

@@ -80,3 +80,16 @@ def test_a_named_effect_must_add_something_to_a_law_that_stands_beside_it(monkey
     shown = posterior(tried, list(best.key), None)
     with_name = shown.models[(NAMED,)] + shown.models[(NAMED, f"unknown_force@{where}")]
     assert (with_name > shown.models[("unknown_force@rail",)]) is named
+
+
+@pytest.mark.parametrize(("more", "named"), [(POLICY.reach - 1.0, True), (2.0 * POLICY.reach + 1.0, False)])
+def test_of_a_law_in_place_of_an_effect_no_more_holds_than_of_the_effect(monkeypatch, more, named):
+    """Half of what an effect of 100 nats gains is doubted, and half of what stands in its place."""
+    tried = models(100.0 + more, 100.0)
+    tried[(NAMED,)].overstated = 50.0
+    assert tried[()].gain_of_law(tried[(NAMED,)]) == pytest.approx(50.0 + 0.5 * more - POLICY.reach)
+    best = answer_of(monkeypatch, tried)
+    assert best is tried[(NAMED,) if named else ()]
+    shown = posterior(tried, list(best.key), None)
+    if named:
+        assert shown.models[(NAMED,)] > shown.models[("unknown_force@rail",)]

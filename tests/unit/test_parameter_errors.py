@@ -91,35 +91,41 @@ class StubLikelihood:
 @pytest.fixture
 def tried(monkeypatch: pytest.MonkeyPatch) -> TriedModels:
     """Models with two effects: the standard error of the first is as promised, that of the second twice as large."""
-    shares = {"drag@rail.level": 1.0, "delay@drive.level": 0.25}
+    shares = {"drag@rail.level": 1.0, "delay@drive.level": 0.25, "lag@drive.level": 1.0}
     errors: Any = SimpleNamespace(share_that_holds=lambda values: min(shares[n] for n in values))
     monkeypatch.setattr(tried_models, "parameter_errors", lambda likelihood: errors)
     state: Any = SimpleNamespace(progress=lambda text: None)
     tried = TriedModels(state)
-    for names, total in (
-        ((), 0.0),
-        (("drag@rail",), 90.0),
-        (("delay@drive",), 20.0),
-        (("delay@drive", "drag@rail"), 110.0),
-    ):
-        tried.models[tuple(sorted(names))] = model(names, total)
+    tried.models[()] = model((), 0.0)
     return tried
 
 
+def add(tried: TriedModels, total: float, *names: str) -> TriedModel:
+    tried.models[tuple(sorted(names))] = added = model(names, total)
+    return added
+
+
 def test_only_what_an_effect_adds_is_doubted(tried):
-    for m in tried.models.values():
-        tried.doubt(m)
-    assert {k: m.overstated for k, m in tried.models.items()} == {
-        (): 0.0,
-        ("drag@rail",): 0.0,
-        ("delay@drive",): 15.0,
-        ("delay@drive", "drag@rail"): 15.0,
-    }
-    assert tried.most_probable().key == ("delay@drive", "drag@rail")
+    drag, both = add(tried, 90.0, "drag@rail"), add(tried, 110.0, "drag@rail", "delay@drive")
+    assert tried.most_probable() is both
+    assert (drag.overstated, both.overstated) == (0.0, 15.0)
 
 
-def test_a_model_of_which_less_remains_is_not_the_most_probable(tried):
-    tried.models[("drag@rail",)].evidence = Evidence(log_likelihood=12.0, log_prior=0.0, log_odds=0.0)
-    del tried.models[("delay@drive", "drag@rail")]
-    assert tried.ranked()[0].key == ("delay@drive",)
-    assert tried.most_probable().key == ("drag@rail",)
+def test_rivals_are_doubted_alike(tried):
+    """What the better of two gains hardly holds; that the other would do better then is no reason to prefer it."""
+    delay, lag = add(tried, 40.0, "delay@drive"), add(tried, 36.0, "lag@drive")
+    assert tried.most_probable() is delay
+    assert (delay.overstated, lag.overstated) == (30.0, 27.0)
+
+
+def test_a_model_that_gains_nothing_more_is_doubted_as_the_one_within_it(tried):
+    delay, more = add(tried, 40.0, "delay@drive"), add(tried, 37.0, "delay@drive", "lag@drive")
+    tried.doubt()
+    assert delay.overstated == more.overstated == 30.0
+
+
+def test_less_of_a_model_may_remain_than_of_a_simpler_one(tried):
+    drag, both = add(tried, 90.0, "drag@rail"), add(tried, 102.0, "drag@rail", "delay@drive")
+    both.evidence = Evidence(log_likelihood=108.0, log_prior=0.0, log_odds=-6.0)
+    assert tried.ranked()[0] is both
+    assert tried.most_probable() is drag
