@@ -179,12 +179,17 @@ class TriedModel:
     def gain_of_law(self, other: TriedModel) -> float:
         """Return by how much an unknown law raises the evidence where it stands in the place of an effect of another.
 
-        Of its gain no more holds than of that of the effect: rivals are compared by their whole evidence.
+        The effect was fitted and what has no name was not, so it must be better by more than two linearisations may
+        differ.  Of its gain no more holds than of that of the effect: rivals are compared by their whole evidence.
+        Where the other model has the same law beside its effect, the two differ by that effect alone.
         """
-        assert self.unknown_law is not None
-        rise, law = other.total - self.total, self.unknown_law
-        doubted = (other.overstated - self.overstated) / rise if rise > 0.0 else 0.0
-        return law.gain - law.price_in_place(other.unknown_law) - max(doubted, 0.0) * max(law.gain, 0.0)
+        law = self.unknown_law
+        assert law is not None
+        if law.is_beside(other.unknown_law):
+            return law.gain
+        rise = other.total - self.total
+        doubted = max(other.overstated - self.overstated, 0.0) / rise if rise > 0.0 else 0.0
+        return law.gain - POLICY.reach - doubted * max(law.gain, 0.0)
 
     def _log_weight(self, gain: float = 0.0, log_odds: float = 0.0) -> float:
         """Return the log weight with something more that gains so much, its log prior odds included."""

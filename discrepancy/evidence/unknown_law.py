@@ -122,21 +122,11 @@ class UnknownLaw:
         odds = (self.gain - self.log_odds) / POLICY.temperature + self.log_odds
         return self.predicts and odds > 0.0
 
-    def price_in_place(self, beside: UnknownLaw | None) -> float:
-        """Return the nats that it pays where it stands in the place of an effect, which was fitted.
-
-        What has no name is not fitted: its evidence is that of the linearised model without the effect.  Where the
-        model with the effect has the same beside it, neither is fitted, and it pays nothing: an effect must add
-        something to it.
-
-        Parameters
-        ----------
-        beside : UnknownLaw or None
-            Of the model with the effect.
-        """
-        told = beside is not None and beside.announced
-        same = told and beside is not None and (beside.where, beside.acts_on) == (self.where, self.acts_on)
-        return 0.0 if same else POLICY.reach
+    def is_beside(self, other: UnknownLaw | None) -> bool:
+        """Tell whether another that is announced, beside another model, acts at the same place."""
+        if other is None or not other.announced:
+            return False
+        return (other.where, other.acts_on) == (self.where, self.acts_on)
 
     @property
     def sentence(self) -> str:

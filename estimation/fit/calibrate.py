@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.fit.calibration import Calibration, Fit, UncertainParameter
+from estimation.fit.elsewhere import better_place, log_size
 from estimation.fit.fit_problem import FitProblem
 from estimation.fit.intervals import block_sandwich
 from estimation.fit.least_squares import Piece, solve
@@ -32,6 +33,8 @@ EVALUATIONS, TRIAL_EVALUATIONS = 200, 20
 #: Rounds of weighting and fitting, those of a trial, and the logarithm of the change of an output's weight from which
 #: it takes another; chosen.
 ROUNDS, TRIAL_ROUNDS, WEIGHT_CHANGE = 3, 4, 0.2
+#: How often a fit begins again where it sees a lower cost elsewhere, at most; chosen.
+BEGUN_AGAIN = 3
 
 
 def calibrate(
@@ -53,7 +56,8 @@ def calibrate(
     """Fit uncertain parameters to records by full simulation.
 
     Each output is weighted by the size of its own residual (at least its noise), iterated in a few rounds, and by the
-    correlation time of that residual, so that a thousand correlated samples do not outweigh a prior.
+    correlation time of that residual, so that a thousand correlated samples do not outweigh a prior.  A fit that leaves
+    more than noise looks elsewhere within the priors, and begins again where the error is smaller.
 
     Parameters
     ----------
@@ -108,11 +112,58 @@ def calibrate(
     )
     trial = scale is not None and not hold
     message = "nothing to fit"
-    if rounds is None:
-        rounds = TRIAL_ROUNDS if trial else ROUNDS
+    if moving.size and not hold:
+        rounds = rounds or (TRIAL_ROUNDS if trial else ROUNDS)
+        most = max_evaluations or (TRIAL_EVALUATIONS if trial else EVALUATIONS)
+        theta, message = _fitted(problem, theta, moving, floor, rounds, most, trial, progress)
+        for _ in range(0 if trial else BEGUN_AGAIN):
+            place = better_place(problem, theta, moving, floor)
+            if place is None:
+                break
+            if progress is not None:
+                progress("calibration begins again: the errors are smaller with a parameter farther away")
+            weights = problem.scale
+            problem.scale = weights_of(problem, problem.respond_all(place, True), floor, place, moving)
+            there, ended = _fitted(problem, place, moving, floor, rounds, most, trial, progress)
+            if log_size(problem, there, floor) >= log_size(problem, theta, floor):
+                problem.scale = weights
+                break
+            theta, message = there, ended
+    return _result(problem, theta, moving, low, high, not_excited, message, trial)
+
+
+def _fitted(
+    problem: FitProblem,
+    theta: np.ndarray,
+    moving: np.ndarray,
+    floor: np.ndarray,
+    rounds: int,
+    most: int,
+    trial: bool,
+    progress: Callable[[str], None] | None,
+) -> tuple[np.ndarray, str]:
+    """Fit and weight the outputs in rounds; return where that ends, and how.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        With the weights to begin with; those of the end are left in it.
+    theta : ndarray, shape (k,)
+        Where it begins.
+    moving : ndarray of int
+        The unknowns that are fitted.
+    floor : ndarray, shape (n_channels,)
+        Noise, SI.
+    rounds, most : int
+        Rounds, and simulations of all records in each, at most.
+    trial : bool
+    progress : callable or None
+    """
+    low, high = problem.bounds()
     final = not trial and rounds == 1  # while the weights still change, an exact minimum is of no use
+    message = ""
     pieces: list[Piece] = []
-    for k in range(rounds if moving.size and not hold else 0):
+    for k in range(rounds):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
@@ -127,7 +178,7 @@ def calibrate(
             low[moving],
             high[moving],
             tolerance=FINAL_TOLERANCE if final else TRIAL_TOLERANCE,
-            max_evaluations=max_evaluations or (TRIAL_EVALUATIONS if trial else EVALUATIONS),
+            max_evaluations=most,
             confirm=final,
             begin=pieces,
             keep=trial,
@@ -153,7 +204,7 @@ def calibrate(
         if final and converged:
             break
         final = converged or k + 2 >= rounds
-    return _result(problem, theta, moving, low, high, not_excited, message, trial)
+    return theta, message
 
 
 def _weighted_anew(pieces: Sequence[Piece], factor: np.ndarray) -> list[Piece]:
