@@ -48,7 +48,12 @@ class SimulationGain:
         return self.share + errors * self.standard_error < least
 
     def harms(self, least: float, errors: float) -> bool:
-        """Tell whether some output is simulated worse by at least so large a share and so many standard errors."""
+        """Tell whether some output is simulated worse by at least so large a share and so many standard errors.
+
+        Infinitely many, as `in_normal_errors` has them of one block, none is worse by.
+        """
+        if np.isinf(errors):
+            return False
         return bool(np.any((-self.share >= least) & (-self.share > errors * self.standard_error)))
 
 

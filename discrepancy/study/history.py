@@ -86,6 +86,8 @@ def _entry(stage: Stage) -> dict[str, Any]:
             "hidden_by": accepted.masked_by,
         },
         "values": stage.identify.to_dict(),
+        "std": [float(s) if np.isfinite(s) else None for s in stage.identify.std],
+        "degrees": stage.identify.degrees,
         "own": [{k: float(v) for k, v in f.own.items()} for f in stage.identify.fits],
         "scale": stage.identify.scale,
         "noise": dict(stage.noise),
@@ -223,6 +225,10 @@ def _take_up(state: Study, path: str | Path, content: dict[str, Any], made: Made
                     entry["noise"],
                     moved=k > 0,
                 )
+                if "std" in entry:  # of the likelihood, where the search went by that
+                    std = np.array([np.inf if s is None else s for s in entry["std"]])
+                    identify = dataclasses.replace(stage.identify, std=std, degrees=entry["degrees"])
+                    stage = dataclasses.replace(stage, identify=identify)
                 accepted = _accepted(entry["accepted"])
             except (KeyError, TypeError, ValueError) as error:
                 raise StudyError([f"{path}: stage {k} is damaged: {type(error).__name__}: {error}"]) from error
