@@ -120,8 +120,9 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
     state = tried.state
     assert model.likelihood is not None
     replaced = False
-    for name, displacements in _rigid_frictions(tried, model.likelihood):
-        state.progress(f"whether {name} gives way before it slides")
+    for name, displacements in _dry_frictions(tried, model):
+        again = f"{name}.x_s" in tried.elastic
+        state.progress(f"whether {name} gives way {'otherwise' if again else 'before it slides'}")
         before, settings, kept = model.total, (state.given, state.problem), None
         try:
             found = _found(tried, model, name, displacements)
@@ -136,15 +137,24 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
         if kept is not None:
             replaced = True
             tried.elastic.update(kept.begun)
-            state.remarks.append(_remark(tried, model, name, kept, model.total - before))
+            state.remarks[:] = [r for r in state.remarks if not r.startswith(_of_part(name))]
+            state.remarks.append(_remark(tried, model, name, kept, model.total - before, again=again))
             state.progress(state.remarks[-1])
     return replaced
 
 
-def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tuple[str, list[float]]]:
-    """Return the parts with a law that fades with speed, and the displacements to try, if anything random was found."""
+def _dry_frictions(tried: TriedModels, model: TriedModel) -> list[tuple[str, list[float]]]:
+    """Return the parts that may give way, and the displacements to try, if anything random was found.
+
+    Those with a law that fades with speed; and, beside effects, those whose law was replaced where these were missing.
+    """
+    likelihood = model.likelihood
+    assert likelihood is not None
     if not likelihood.noise.model.processes:
         return []
+    asked = [*ELASTIC]
+    if model.key:
+        asked += [law for laws in ELASTIC.values() for law in laws]
     system, linearised = likelihood.stage.system, likelihood.linearised
     parts = tried.state.given.model.components
     found = []
@@ -152,7 +162,7 @@ def _rigid_frictions(tried: TriedModels, likelihood: StageLikelihood) -> list[tu
         place = system.places[j]
         (position, *_), (acceleration, *_) = place.motion_names()[0], place.motion_names()[-1]
         for name in (place.name, *place.also):
-            if type(parts.get(name)) in ELASTIC:
+            if type(parts.get(name)) in asked and (type(parts[name]) in ELASTIC or f"{name}.x_s" in tried.elastic):
                 runs = [linearised.nominal_outputs(i) for i in range(len(linearised.experiments))]
                 travel = float(np.ptp(np.concatenate([r[f"place.{place.name}.{position}"] for r in runs])))
                 square = np.mean(np.concatenate([r[f"place.{place.name}.{acceleration}"] for r in runs]) ** 2)
@@ -262,11 +272,12 @@ def _with_law(problem: Problem, part: str, values: dict[str, float]) -> Problem:
     """Return a problem whose machine has an elastic friction, with its values as uncertain parameters."""
     model = problem.model.copy()
     given = model.components[part]
-    law = ELASTIC[type(given)][len(values) - 1]
+    law = next(v for k, v in ELASTIC.items() if type(given) in (k, *v))[len(values) - 1]
     own = {name.removeprefix(f"{part}."): value for name, value in values.items()}
     model.replace(part, law(coulomb=given.values["coulomb"], **own))
     more = [UncertainParameter(name=n, value=v, std=v, min=0.5 * SMALLEST * v) for n, v in values.items()]
-    return replace(problem, model=model, uncertain=(*problem.uncertain, *more))
+    others = [q for q in problem.uncertain if q.name not in (f"{part}.x_s", f"{part}.t_s")]
+    return replace(problem, model=model, uncertain=(*others, *more))
 
 
 def _there(tried: TriedModels, model: TriedModel, more: dict[str, float]) -> tuple[StageLikelihood, Evidence]:
@@ -300,16 +311,21 @@ def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
     )
 
 
-def _remark(tried: TriedModels, model: TriedModel, part: str, found: _Elastic, rise: float) -> str:
-    """Return what a reader must know of the friction that was replaced."""
+def _of_part(part: str) -> str:
+    return f"The dry friction '{part}' of the model fades with speed."
+
+
+def _remark(tried: TriedModels, model: TriedModel, part: str, found: _Elastic, rise: float, *, again: bool) -> str:
+    """Return what a reader must know of the friction that was replaced, for the second time perhaps."""
     declared = tried.state.given.model.components[part].declarations
     fitted = model.stage.identify.to_dict()
     size, *relaxation = (fitted[name] for name in found.begun)
     how, law = "", "Dahl's law"
     if relaxation:
         how, law = f", damped with a relaxation time of {quantity_text(relaxation[0], 's', 2)},", "LuGre's law"
+    over = f" over another such law, found where {' and '.join(model.key)} was missing" if again else ""
     return (
-        f"The dry friction '{part}' of the model fades with speed. That of the machine gives way elastically, by about "
+        f"{_of_part(part)} That of the machine gives way elastically, by about "
         f"{quantity_text(size, declared['x_s'].unit, 2)}{how} before it slides "  # type: ignore[attr-defined]
-        f"(log evidence {rise:+.0f}). It is replaced by {law}, and what is missing was asked of that machine."
+        f"(log evidence {rise:+.0f}{over}). It is replaced by {law}, and what is missing was asked of that machine."
     )

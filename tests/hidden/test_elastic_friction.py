@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from scipy.integrate import solve_ivp
 from discrepancy.evidence import elastic_friction
 from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.study.study import Study
+from multibody.library import DahlFriction
 
 LEVEL, DISPLACEMENT = 6.0, 4e-4  # N, m
 
@@ -117,6 +119,26 @@ def test_it_is_asked_again_beside_an_effect_that_may_have_hidden_it(tmp_path: Pa
     assert any("Dahl's law" in w for w in diagnosis.warnings)
 
 
+def test_it_is_asked_again_beside_an_effect_that_was_missing_when_it_was_found(tmp_path: Path) -> None:
+    study = Study.from_file(written(tmp_path, SLIDE, slide, STUDY + RECORDS, seed=11))
+    search = EvidenceSearch(study)
+    first = search.tried.known(study.stage)
+    given = elastic_friction._with_law(study.given, "dry", {"dry.x_s": 1e-3, "dry.t_s": 1e-2})
+    study.given = study.problem = given
+    elastic = study.fitted("elastic", (), first.stage, first.stage.noise, trial=True)
+    noise = SimpleNamespace(model=SimpleNamespace(processes=("a force",)))
+    likelihood = SimpleNamespace(stage=elastic, linearised=first.likelihood.neighbour(elastic).linearised, noise=noise)
+    beside: Any = SimpleNamespace(likelihood=likelihood, key=("cubic_stiffness@spring",))
+    alone: Any = SimpleNamespace(likelihood=likelihood, key=())
+    assert elastic_friction._dry_frictions(search.tried, beside) == []  # it is the law that the user has written
+    search.tried.elastic.update({"dry.x_s", "dry.t_s"})
+    assert [name for name, _ in elastic_friction._dry_frictions(search.tried, beside)] == ["dry"]
+    assert elastic_friction._dry_frictions(search.tried, alone) == []
+    undamped = elastic_friction._with_law(given, "dry", {"dry.x_s": 2e-3})
+    assert type(undamped.model.components["dry"]) is DahlFriction
+    assert [q.name for q in undamped.uncertain if q.name.startswith("dry.")] == ["dry.coulomb", "dry.x_s"]
+
+
 @pytest.mark.parametrize(("processes", "asked"), [((), []), (("a slow error of an output",), ["dry"])])
 def test_it_is_asked_wherever_the_first_model_has_anything_random(tmp_path: Path, processes, asked) -> None:
     study = Study.from_file(written(tmp_path, SLIDE, slide, STUDY + RECORDS, seed=11))
@@ -124,4 +146,5 @@ def test_it_is_asked_wherever_the_first_model_has_anything_random(tmp_path: Path
     first = search.tried.known(study.stage).likelihood
     noise = SimpleNamespace(model=SimpleNamespace(processes=processes))
     likelihood = SimpleNamespace(stage=first.stage, linearised=first.linearised, noise=noise)
-    assert [name for name, _ in elastic_friction._rigid_frictions(search.tried, likelihood)] == asked
+    model = SimpleNamespace(likelihood=likelihood, key=())
+    assert [name for name, _ in elastic_friction._dry_frictions(search.tried, model)] == asked
