@@ -126,7 +126,8 @@ def test_it_is_asked_again_beside_an_effect_that_was_missing_when_it_was_found(t
     given = elastic_friction._with_law(study.given, "dry", {"dry.x_s": 1e-3, "dry.t_s": 1e-2})
     study.given = study.problem = given
     elastic = study.fitted("elastic", (), first.stage, first.stage.noise, trial=True)
-    noise = SimpleNamespace(model=SimpleNamespace(processes=("a force",)))
+    records = first.likelihood.noise.records
+    noise = SimpleNamespace(model=SimpleNamespace(processes=("a force",)), records=records)
     likelihood = SimpleNamespace(stage=elastic, linearised=first.likelihood.neighbour(elastic).linearised, noise=noise)
     beside: Any = SimpleNamespace(likelihood=likelihood, key=("cubic_stiffness@spring",))
     alone: Any = SimpleNamespace(likelihood=likelihood, key=())
@@ -144,7 +145,7 @@ def test_it_is_asked_wherever_the_first_model_has_anything_random(tmp_path: Path
     study = Study.from_file(written(tmp_path, SLIDE, slide, STUDY + RECORDS, seed=11))
     search = EvidenceSearch(study)
     first = search.tried.known(study.stage).likelihood
-    noise = SimpleNamespace(model=SimpleNamespace(processes=processes))
+    noise = SimpleNamespace(model=SimpleNamespace(processes=processes), records=first.noise.records)
     likelihood = SimpleNamespace(stage=first.stage, linearised=first.linearised, noise=noise)
     model = SimpleNamespace(likelihood=likelihood, key=())
     assert [name for name, _ in elastic_friction._dry_frictions(search.tried, model)] == asked
