@@ -112,11 +112,11 @@ def errors_of_blocks(
     )
 
 
-def with_errors_of_likelihood(stage: Stage, likelihood: StageLikelihood) -> Stage:
+def with_errors_of_likelihood(stage: Stage, errors: ParameterErrors) -> Stage:
     """Return a stage at the parameters of largest likelihood with their standard errors.
 
     Those of a calibration by least squares take all that is random for errors of one kind.
     """
-    errors, identify = parameter_errors(likelihood), stage.identify
+    identify = stage.identify
     std = np.array([errors.std.get(p.name, np.inf) for p in identify.parameters])
     return replace(stage, identify=replace(identify, std=std, degrees=errors.degrees))

@@ -55,7 +55,8 @@ def _with_some(tried: TriedModels, effects: tuple[Effect, ...], model: TriedMode
     """Return the stage of some of the best model's effects, from where the model with just these stands."""
     if model is not None and model.likelihood is not None:
         stage = tried.as_reported(model)
-        return with_errors_of_likelihood(stage, model.likelihood) if model.at_likeliest else stage
+        errors = tried.errors_of(model) if model.at_likeliest else None
+        return with_errors_of_likelihood(stage, errors) if errors is not None else stage
     name = " + ".join(map(str, effects))
     try:
         return tried.state.fitted(name, effects, best.stage, best.stage.noise)

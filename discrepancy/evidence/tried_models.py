@@ -185,13 +185,21 @@ class TriedModels:
 
     def _share_that_holds(self, model: TriedModel, simpler: tuple[str, ...]) -> float:
         """Return what share of its gain over a simpler model holds."""
-        assert model.likelihood is not None
-        if model.total <= self.models[simpler].total:
+        if model.total <= self.models[simpler].total or (errors := self.errors_of(model)) is None:
             return 1.0
-        if model.likelihood not in self._errors:
-            self._errors[model.likelihood] = parameter_errors(model.likelihood)
         new = [e for e in model.stage.effects if not set(key_of([e])) <= set(simpler)]
-        return self._errors[model.likelihood].share_that_holds(self._strengths_of(new))
+        return errors.share_that_holds(self._strengths_of(new))
+
+    def errors_of(self, model: TriedModel) -> ParameterErrors | None:
+        """Return how sure the parameters of a model are; None where that cannot be computed."""
+        assert model.likelihood is not None
+        if model.likelihood not in self._errors:
+            try:
+                self._errors[model.likelihood] = parameter_errors(model.likelihood)
+            except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
+                self.state.progress(f"{model.name}: its standard errors cannot be computed: {error}")
+                return None
+        return self._errors[model.likelihood]
 
     def _strengths_of(self, effects: Sequence[Effect]) -> dict[str, float]:
         """Return the strengths of effects; of parameters of the machine, how far they are from what is stated."""

@@ -33,7 +33,7 @@ EVALUATIONS, TRIAL_EVALUATIONS = 200, 20
 #: Rounds of weighting and fitting, those of a trial, and the logarithm of the change of an output's weight from which
 #: it takes another; chosen.
 ROUNDS, TRIAL_ROUNDS, WEIGHT_CHANGE = 3, 4, 0.2
-#: How often a fit begins again where it sees a lower cost elsewhere, at most; chosen.
+#: How often a fit begins again where it sees smaller errors elsewhere, at most; chosen.
 BEGUN_AGAIN = 3
 
 

@@ -124,6 +124,16 @@ def test_a_model_that_gains_nothing_more_is_doubted_as_the_one_within_it(tried):
     assert delay.overstated == more.overstated == 30.0
 
 
+def test_evidence_counts_whole_where_standard_errors_cannot_be_computed(tried, monkeypatch):
+    def failing(likelihood):
+        raise np.linalg.LinAlgError("singular matrix")
+
+    monkeypatch.setattr(tried_models, "parameter_errors", failing)
+    delay = add(tried, 40.0, "delay@drive")
+    assert tried.most_probable() is delay
+    assert delay.overstated == 0.0
+
+
 def test_less_of_a_model_may_remain_than_of_a_simpler_one(tried):
     drag, both = add(tried, 90.0, "drag@rail"), add(tried, 102.0, "drag@rail", "delay@drive")
     both.evidence = Evidence(log_likelihood=108.0, log_prior=0.0, log_odds=-6.0)
