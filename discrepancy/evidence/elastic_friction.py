@@ -122,7 +122,8 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
     replaced = False
     for name, displacements in _dry_frictions(tried, model):
         again = f"{name}.x_s" in tried.elastic
-        state.progress(f"whether {name} gives way {'otherwise' if again else 'before it slides'}")
+        more = ", once more beside " + " + ".join(model.key) if again else ""
+        state.progress(f"whether {name} gives way before it slides{more}")
         before, settings, kept = model.total, (state.given, state.problem), None
         try:
             found = _found(tried, model, name, displacements)
@@ -152,9 +153,6 @@ def _dry_frictions(tried: TriedModels, model: TriedModel) -> list[tuple[str, lis
     assert likelihood is not None
     if not likelihood.noise.model.processes:
         return []
-    asked = [*ELASTIC]
-    if model.key:
-        asked += [law for laws in ELASTIC.values() for law in laws]
     system, linearised = likelihood.stage.system, likelihood.linearised
     parts = tried.state.given.model.components
     found = []
@@ -162,7 +160,7 @@ def _dry_frictions(tried: TriedModels, model: TriedModel) -> list[tuple[str, lis
         place = system.places[j]
         (position, *_), (acceleration, *_) = place.motion_names()[0], place.motion_names()[-1]
         for name in (place.name, *place.also):
-            if type(parts.get(name)) in asked and (type(parts[name]) in ELASTIC or f"{name}.x_s" in tried.elastic):
+            if type(parts.get(name)) in ELASTIC or (model.key and f"{name}.x_s" in tried.elastic):
                 runs = [linearised.nominal_outputs(i) for i in range(len(linearised.experiments))]
                 travel = float(np.ptp(np.concatenate([r[f"place.{place.name}.{position}"] for r in runs])))
                 square = np.mean(np.concatenate([r[f"place.{place.name}.{acceleration}"] for r in runs]) ** 2)
@@ -272,7 +270,7 @@ def _with_law(problem: Problem, part: str, values: dict[str, float]) -> Problem:
     """Return a problem whose machine has an elastic friction, with its values as uncertain parameters."""
     model = problem.model.copy()
     given = model.components[part]
-    law = next(v for k, v in ELASTIC.items() if type(given) in (k, *v))[len(values) - 1]
+    law = next(laws for fades, laws in ELASTIC.items() if type(given) in (fades, *laws))[len(values) - 1]
     own = {name.removeprefix(f"{part}."): value for name, value in values.items()}
     model.replace(part, law(coulomb=given.values["coulomb"], **own))
     more = [UncertainParameter(name=n, value=v, std=v, min=0.5 * SMALLEST * v) for n, v in values.items()]
@@ -323,7 +321,7 @@ def _remark(tried: TriedModels, model: TriedModel, part: str, found: _Elastic, r
     how, law = "", "Dahl's law"
     if relaxation:
         how, law = f", damped with a relaxation time of {quantity_text(relaxation[0], 's', 2)},", "LuGre's law"
-    over = f" over another such law, found where {' and '.join(model.key)} was missing" if again else ""
+    over = f" over another such law, which was found without {' and '.join(model.key)}" if again else ""
     return (
         f"{_of_part(part)} That of the machine gives way elastically, by about "
         f"{quantity_text(size, declared['x_s'].unit, 2)}{how} before it slides "  # type: ignore[attr-defined]

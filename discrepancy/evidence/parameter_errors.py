@@ -4,8 +4,8 @@ A likelihood is as sure as it claims where the model is right.  Where it is not,
 the derivative of the likelihood by a parameter varies more from block to block than it says.  The sandwich of the two
 gives the standard errors.
 
-Sources: White (1982), Econometrica 50, 1 (the sandwich); Pauli, Racugno and Ventura (2011), Statistica Sinica 21, 149
-(a likelihood ratio of a wrong likelihood, divided by what its variance is too small by).
+Sources: White (1982), Econometrica 50, 1 (misspecified models, the sandwich); Pauli, Racugno and Ventura (2011),
+Statistica Sinica 21, 149 (ratios of such likelihoods, scaled by the two variances).
 """
 
 from __future__ import annotations

@@ -168,8 +168,8 @@ class TriedModels:
         """Note by how many nats the evidence of each model is overstated.
 
         What its effects gain over the best model with fewer of them holds only as far as their standard errors are as
-        small as the likelihood promises.  Rivals are compared by their whole evidence: what holds of what they gain
-        over the same model is asked of the best of them.
+        small as the likelihood promises.  Rivals, which extend the same model, are compared by their whole evidence:
+        the share that holds is computed for the best of them and applies to all.
         """
         fitted = sorted((m for m in self.models.values() if m.likelihood is not None), key=lambda m: len(m.key))
         beyond: dict[tuple[str, ...], list[TriedModel]] = {}

@@ -50,7 +50,7 @@ class SimulationGain:
     def harms(self, least: float, errors: float) -> bool:
         """Tell whether some output is simulated worse by at least so large a share and so many standard errors.
 
-        Infinitely many, as `in_normal_errors` has them of one block, none is worse by.
+        A single block shows no scatter: `in_normal_errors` is infinite then, and no output counts as worse.
         """
         if np.isinf(errors):
             return False

@@ -15,12 +15,13 @@ from estimation.fit.fit_problem import FitProblem
 __all__ = ["better_place", "log_size"]
 
 #: Prior deviations by which each parameter is moved from its mean, either way: where most of the probability lies,
-#: and far enough from a fit that ended near the mean.
+#: and far enough from a fit that ended near the mean; chosen.
 MOVED = 1.5
 #: Decrease of the logarithm of the errors, summed over the outputs, that must be seen elsewhere: a fifth of one error.
-#: Hills on the ground of a valley are no reason to begin again.
+#: Hills on the ground of a valley are no reason to begin again; chosen.
 LOWER = 0.2
-#: Size of an error in noises from which it is worth to look.
+#: Size of an error, in standard deviations of the noise, above which it is worth looking: a fit that is right leaves
+#: one of them; chosen.
 POOR = 2.0
 
 
@@ -48,16 +49,20 @@ def better_place(problem: FitProblem, theta: np.ndarray, moving: np.ndarray, flo
     if np.all(_sizes(problem, theta) <= POOR * floor):
         return None
     low, high = problem.bounds()
+    # what is unknown of each record was fitted beside the wrong parameters: also from where its own fit begins
+    afresh = np.concatenate([theta[: problem.k], problem.start(None, None)[problem.k :]])
+    begun = [theta] if np.array_equal(afresh, theta) else [theta, afresh]
     best, place = log_size(problem, theta, floor) - LOWER, None
     for j in moving[moving < problem.k]:
         parameter = problem.parameters[j]
         if not np.isfinite(parameter.std):
             continue
         for moved in (parameter.value - MOVED * parameter.std, parameter.value + MOVED * parameter.std):
-            there = theta.copy()
-            there[j] = np.clip(moved, low[j], high[j])
-            if (size := log_size(problem, there, floor)) < best:
-                best, place = size, there
+            for begin in begun:
+                there = begin.copy()
+                there[j] = np.clip(moved, low[j], high[j])
+                if (size := log_size(problem, there, floor)) < best:
+                    best, place = size, there
     return place
 
 

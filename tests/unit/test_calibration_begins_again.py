@@ -28,6 +28,9 @@ class Valley:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([0.5, -np.inf]), np.array([np.inf, np.inf])
 
+    def start(self, given: None, own: None) -> np.ndarray:
+        return np.array([p.value for p in self.parameters])
+
     def residuals(self, theta: np.ndarray) -> list[np.ndarray] | None:
         self.asked += 1
         sizes = self.sizes(theta)

@@ -105,6 +105,17 @@ def test_a_gain_is_relative_to_each_block() -> None:
     assert not worse.helps(0.02, 2.0)
 
 
+def test_what_few_records_show_goes_by_students_t() -> None:
+    """Two records with errors 1.7 and 3.9 % larger: 2.5 of their own standard errors, which chance often shows."""
+    two = gain_of_errors(("y",), np.array([[1.017], [1.039]]), np.ones((2, 1)))
+    assert two.harms(0.02, 2.0)
+    assert not two.harms(0.02, two.in_normal_errors(2.0))
+    many = gain_of_errors(("y",), np.tile([[1.017], [1.039]], (10, 1)), np.ones((20, 1)))
+    assert many.harms(0.02, many.in_normal_errors(2.0))
+    one = gain_of_errors(("y",), np.array([[2.0]]), np.ones((1, 1)))
+    assert not one.harms(0.02, one.in_normal_errors(2.0))
+
+
 def test_what_could_not_be_named_is_said_where_it_is_probable() -> None:
     names = ("constant_force@bearing",)
     likely = posterior(by_key(tried(0.0), tried(6.0, *names)), [], None)
