@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects.kinds import Kind, kind_named, kinds
 from discrepancy.effects.signal_errors import SignalLag
+from discrepancy.effects.slip_of_transmissions import can_slip, domain_of
 from multibody.declare.declarations import Input, Output, Rotation, State, Translation
 from multibody.model.driving_signals import driving_signals
 
@@ -25,7 +26,7 @@ FRICTION = {"dry friction": ("v_s", "x_s"), "viscous friction": ("viscous", "dam
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A kind of effect at a place (connections), at a signal (sensors, inputs, controllers) or in a part.
+    """A kind of effect at a place (connections), at a signal (sensors, inputs, controllers), in a part or in its place.
 
     Parameters
     ----------
@@ -38,6 +39,8 @@ class Entry:
         Output that carries the load or the temperature that the law takes, or empty.
     stated : tuple of float
         Values that were stated, of a kind whose strengths are such.
+    domain : str
+        ``"translation"`` or ``"rotation"``: of the driven side, of a kind that replaces a transmission.
     """
 
     kind: Kind
@@ -46,6 +49,7 @@ class Entry:
     stiffness: str = ""
     load: str = ""
     stated: tuple[float, ...] = ()
+    domain: str = ""
 
     @property
     def name(self) -> str:
@@ -100,6 +104,9 @@ def catalogue(
             entries += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
         elif kind.at == "parameter":
             entries += _built_in(kind, system)
+        elif kind.at == "transmission":
+            parts = {name: part for name, part in system.model.components.items() if can_slip(part)}
+            entries += [Entry(kind=kind, where=name, domain=domain_of(part)) for name, part in parts.items()]
         elif kind.at == "signal":
             entries += [Entry(kind=kind, where=name) for name in controlled]
         elif kind.at == "sensor":

@@ -11,6 +11,7 @@ import discrepancy.effects.built_in_kinds  # effects inside motors, tanks, … j
 import discrepancy.effects.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
 from discrepancy.effects.kinds import Kind, kind_named
 from discrepancy.effects.signal_errors import SignalLag, inserted
+from discrepancy.effects.slip_of_transmissions import domain_of, slipping_class, with_slip
 from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["Effect", "law_class", "unit_at"]
 
 #: Shape parameters that are fitted within a factor of ten of where they begin.
+#: Share of the creep with which a fit begins, below which it does not go: a transmission that hardly slips is as stiff
+#: as it slips little.
+LEAST_SLIP = 1e-3
 POSITIVE = ("v_stribeck", "v_s", "width", "x_s", "order", "natural_frequency", "damping_ratio", "filter")
 
 
@@ -58,7 +62,7 @@ class Effect:
     ports : tuple of str
         Endpoints of the two sides (connections).
     domain : str
-        ``"translation"`` or ``"rotation"`` (connections).
+        ``"translation"`` or ``"rotation"`` (connections, and the driven side of transmissions).
     load : str
         Output that gives the load or the temperature, where the law asks for one.
     number : int
@@ -139,6 +143,8 @@ class Effect:
         at = self.definition.at
         if at == "connection" or self.definition.inserted:
             return f"{self.component_name}.{parameter}"
+        if at == "transmission":
+            return f"{self.where}.{parameter}"
         if at == "parameter":
             owner, ending = self.definition.owner_of(self.where)
             return f"{owner}.{parameter}{ending}"
@@ -156,6 +162,9 @@ class Effect:
             ending = self.definition.owner_of(self.where)[1]
             own: Any = self.definition.component_class.declarations[f"{parameter}{ending}"]
             return "" if "{" in str(own.unit) else str(own.unit)  # that of a loop of any quantity is not known here
+        if self.definition.at == "transmission":
+            declared: Any = slipping_class(self.domain).declarations[parameter]  # type: ignore[attr-defined]
+            return str(declared.unit)
         if self.definition.at == "connection":
             item: Any = law_class(self.definition, self.domain).declarations[parameter]
             return str(item.unit)
@@ -191,6 +200,8 @@ class Effect:
             return model.with_input_error(self.where, **dict(self.strengths))
         if kind.at == "parameter":
             return model.with_values(self.parameters())
+        if kind.at == "transmission":
+            return with_slip(model, self.where, {**self.shape, **self.strengths})
         other = model.copy()
         cls = law_class(kind, self.domain)
         part = other.add(self.component_name, cls(**self._given()))
@@ -232,6 +243,8 @@ class Effect:
         parameters = []
         for name, value in self.strengths.items():
             low = 0.0 if kind.one_sided or (kind.stated and value > 0.0) else -math.inf
+            if kind.at == "transmission":
+                low = LEAST_SLIP * value
             high = 0.0 if kind.stated and value < 0.0 else math.inf
             parameters.append(
                 UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
@@ -272,7 +285,10 @@ def unit_at(system: System, kind: str, where: str) -> str:
     """
     entry = kind_named(kind)
     if entry.at == "connection":
-        place = next(p for p in system.places if p.name == where)
+        place = next((p for p in system.places if p.name == where), None)
+        if place is None:  # the form of the kind that replaces a transmission
+            domain = domain_of(system.model.components[where])
+            return Effect(kind=kind, where=where, domain=domain).unit(entry.strengths[0])
         return Effect.at_place(kind, place).unit(entry.strengths[0])
     if entry.at == "parameter":
         return Effect(kind=kind, where=where).unit(entry.strengths[0])

@@ -88,9 +88,11 @@ def effect_of(entry: Entry, row: Scored, effects: Sequence[Effect], instead_of: 
         amplitude = stated * np.clip(1.0 + amplitude / stated, 1.0 / FURTHEST_FACTOR, FURTHEST_FACTOR)
     strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
     number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == entry.where)
-    if entry.place is None:
-        return Effect(kind=kind.name, where=entry.where, strengths=strengths, shape=dict(row.shape), number=number)
     shape = {k: v for k, v in row.shape.items() if k != "amplitude"}
+    if entry.place is None:
+        return Effect(
+            kind=kind.name, where=entry.where, strengths=strengths, shape=shape, number=number, domain=entry.domain
+        )
     effect = Effect.at_place(
         kind.name,
         entry.place,

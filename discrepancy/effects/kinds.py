@@ -38,9 +38,10 @@ class Kind:
     ----------
     name : str
         Name in files; a kind once named keeps its name.
-    at : {"connection", "sensor", "input", "signal", "parameter"}
+    at : {"connection", "sensor", "input", "signal", "parameter", "transmission"}
         What it acts on; ``"signal"`` is what a controller gives to the machine, ``"parameter"`` is an effect
-        that a component already contains, with its strengths at zero.
+        that a component already contains, with its strengths at zero, ``"transmission"`` one that replaces a rigid
+        transmission.
     law : str
         Name in `discrepancy.effects.laws.LAWS` (connections), the sensor's or input's error, or the class of the
         component whose parameters the strengths are.
@@ -382,7 +383,13 @@ _add([
         "slip (creep)", "An elastic connection that gives way slowly under load.",
         "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
         "Mark both sides and run loaded: the marks drift apart."),
-        shapes=shape_grids.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+        shapes=shape_grids.spring, one_sided=True, linear=False, needs="stiffness", elastic=True, forms=(
+        Kind(name="slip", at="transmission", law="creep_traction", strengths=("creep",), text=_T(
+             "slip (creep) of a transmission", "A transmission that does not hold its ratio under load: the driven "
+             "side stays behind in proportion to what it is driven with.",
+             "A belt or rope that creeps over its pulley, friction wheels, a wheel on its track, a hub on a shaft.",
+             "Mark both sides and run loaded: the marks drift apart, the faster the larger the load."),
+             one_sided=True, linear=False),)),
     Kind(name="stribeck_load_friction", at="connection", law="StribeckLoadFriction", strengths=("share",), text=_T(
         "load-dependent friction at low speed", "Friction per load that falls while the motion gathers speed.",
         "Gear meshes, worm and harmonic drives that start under load, before the oil film carries.",

@@ -99,9 +99,9 @@ class Policy:
     simulation_errors: float = SIMULATION_ERRORS
     growth: float = SHOWN_GROWTH
     certain_errors: float = 5.0
-    naming_errors: float = 1.645
+    naming_errors: float = 1.0
     predictive_errors: float = 1.0
-    temperature: float = 3.0
+    temperature: float = 1.5
     unseen: float = 51 / 153
     set_share: float = 0.95
     listed: float = 0.01

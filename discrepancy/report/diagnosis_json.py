@@ -42,7 +42,7 @@ def effect_parameters(effect: Effect, stage: Stage) -> dict[str, dict[str, Any]]
 def parameter_unit(effect: Effect, name: str, stage: Stage) -> str:
     """Return the unit of an effect's parameter; errors of sensors and inputs take that of their signal."""
     at = effect.definition.at
-    if at in ("connection", "parameter") or name not in ("offset", "drift"):
+    if at in ("connection", "parameter", "transmission") or name not in ("offset", "drift"):
         return bare_unit(effect.unit(name))
     try:
         unit = stage.system.unit(effect.where)

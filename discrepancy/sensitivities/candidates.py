@@ -26,12 +26,13 @@ from discrepancy.sensitivities.finite_amplitude import (
     takes_finite_amplitudes,
 )
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.sensitivities.slip import slip_sensitivities
 from discrepancy.statistics.blocks import Candidate, KeptSensitivities
 from discrepancy.statistics.columns import columns_together, responses_together
 from discrepancy.statistics.score_variance import about_bands
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
-from multibody.base.errors import ModelError
+from multibody.base.errors import ModelError, SimulationError
 from multibody.base.memory import KEPT, ArrayStore, memory_limit, scratch_folder
 from multibody.base.parallel import available_cores, parallel_map
 from multibody.base.progress import Step
@@ -80,6 +81,7 @@ def candidate_sensitivities(
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
+    slipping: list[Entry] = []
     closed: dict[tuple[str, str], str] = {}  # all laws that take one load at one place close the same loop, or none
     linearised.simulate()
     for entry in entries:
@@ -95,6 +97,8 @@ def candidate_sensitivities(
                     refused.append((entry, closed[loop]))
                     continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
+        elif entry.kind.at == "transmission":
+            slipping.append(entry)
         elif why := _calibrated(linearised, entry):
             refused.append((entry, why))
         elif entry.kind.component_shapes is not None:
@@ -139,7 +143,36 @@ def candidate_sensitivities(
                 info={"entry": entry},
             )
         )
+    for entry in slipping:
+        candidate = _slip_candidate(linearised, entry, store, progress)
+        if isinstance(candidate, str):
+            refused.append((entry, candidate))
+        else:
+            candidates.append(candidate)
     return candidates, refused
+
+
+def _slip_candidate(linearised: LinearisedProblem, entry: Entry, store: ArrayStore, progress: Any) -> Candidate | str:
+    """Return the candidate that a rigid transmission slips, or why these records cannot tell."""
+    if progress is not None:
+        progress(f"simulate {entry.name}")
+    try:
+        found = slip_sensitivities(linearised, entry)
+    except ModelError as error:
+        return cannot_be_built(error)
+    except SimulationError:
+        found = []
+    if not found:
+        return "it could not be simulated, or would not change any measured output of these records"
+    return Candidate(
+        kind=entry.kind.name,
+        where=entry.where,
+        sensitivities=KeptSensitivities(store, [[store.put(b) for b in blocks] for _, blocks in found]),
+        shapes=tuple(shape for shape, _ in found),
+        one_sided=True,
+        strengths=entry.kind.strengths,
+        info={"entry": entry},
+    )
 
 
 def _announce(linearised: LinearisedProblem, plans: Sequence[Plan], progress: Any) -> None:

@@ -24,7 +24,14 @@ if TYPE_CHECKING:
     from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from multibody.machine.model import System
 
-__all__ = ["far_from_machine", "finite_amplitude_sensitivities", "in_new_directions", "takes_finite_amplitudes"]
+__all__ = [
+    "far_from_machine",
+    "finite_amplitude_sensitivities",
+    "in_new_directions",
+    "outputs_of",
+    "parameters_for",
+    "takes_finite_amplitudes",
+]
 
 #: A sensitivity, record by record.
 Blocks = Sequence[np.ndarray]
@@ -109,8 +116,8 @@ def finite_amplitude_sensitivities(
         system = effect.added_to(linearised.system.model).build(probes=True, outputs=linearised.experiments[0].outputs)
     except ModelError:
         return []
-    base, records = _parameters(linearised, system), range(len(linearised.experiments))
-    without = parallel_map(lambda i: _outputs(linearised, i, system, base), records)
+    base, records = parameters_for(linearised, system), range(len(linearised.experiments))
+    without = parallel_map(lambda i: outputs_of(linearised, i, system, base), records)
 
     strengths = [size * scale for size in STRENGTH_SIZES]
 
@@ -120,7 +127,7 @@ def finite_amplitude_sensitivities(
             for key, value in {**shape, name: strengths[k]}.items():
                 p[system.index("parameter", effect.parameter_name(key))] = value
             try:
-                changed = parallel_map(lambda i: _outputs(linearised, i, system, p), records)
+                changed = parallel_map(lambda i: outputs_of(linearised, i, system, p), records)
             except SimulationError:
                 return None
             blocks = [linearised.weighted(i, (changed[i] - without[i])[:, :, None] / strengths[k]) for i in records]
@@ -200,7 +207,8 @@ def _same_direction(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     return along > 0.0 and 1.0 - along**2 < SAME_DIRECTION
 
 
-def _parameters(linearised: LinearisedProblem, system: System) -> np.ndarray:
+def parameters_for(linearised: LinearisedProblem, system: System) -> np.ndarray:
+    """Return the parameters of a system with another effect in it, the others as in the linearised problem."""
     p = system.p.copy()
     for name, value in zip(linearised.system.parameter_names, linearised.p, strict=True):
         if name in system.parameter_names:
@@ -208,7 +216,8 @@ def _parameters(linearised: LinearisedProblem, system: System) -> np.ndarray:
     return p
 
 
-def _outputs(linearised: LinearisedProblem, index: int, system: System, p: np.ndarray) -> np.ndarray:
+def outputs_of(linearised: LinearisedProblem, index: int, system: System, p: np.ndarray) -> np.ndarray:
+    """Return the outputs of a record, (n, n_channels), simulated with a system that has more states at most."""
     experiment = linearised.experiments[index]
     x, known = experiment.start_vector(system), linearised.initial_state(index)
     for name, value in zip(linearised.system.state_names, known, strict=True):

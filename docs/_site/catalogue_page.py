@@ -85,6 +85,8 @@ def _entry(kind: Kind) -> str:
     ]
     if where := _asked(kind):
         lines.append(f"- **Asked where there is** {where}")
+    if any(form.at == "transmission" for form in kind.forms):
+        lines.append("- **Also** in the place of a rigid `Gear` or `Rack` ([law](transmissions.md#slip))")
     lines += [f"- **Causes**: {text.causes}", f"- **A record that shows it**: {text.confirm}"]
     if alike := taken_for(kind.name):
         conditions: dict[str, list[str]] = {}

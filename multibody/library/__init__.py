@@ -129,6 +129,8 @@ from multibody.library.transmissions import (
     RigidLink,
     RigidShaft,
     Screw,
+    SlippingGear,
+    SlippingRack,
 )
 
 __all__ = [
@@ -207,6 +209,8 @@ __all__ = [
     "SensorChannel",
     "Sine",
     "Sliding",
+    "SlippingGear",
+    "SlippingRack",
     "SpeedSensor",
     "SpeedSource",
     "Spring",

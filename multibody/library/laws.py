@@ -15,6 +15,7 @@ __all__ = [
     "clearance_contact",
     "contact",
     "coulomb",
+    "creep_traction",
     "current_against_drop",
     "leakage",
     "one_sided",
@@ -112,6 +113,16 @@ def transmission_loss(effort, speed, efficiency, v_s):
     """
     share = 1.0 / efficiency - 1.0 if effort * speed > 0.0 else 1.0 - efficiency
     return abs(effort) * share * math.tanh(speed / v_s)
+
+
+def creep_traction(slip, surface, creep, v_s):
+    """Return the traction between two surfaces that creep: the relative slip over ``creep``.
+
+    Well below the limit of friction, the slip of a belt (elastic creep), of a rope on its sheave and of a wheel on its
+    track is in proportion to the traction (Johnson, Contact Mechanics, 1985, sec. 8.1; Kalker's linear theory).
+    Below the speed ``v_s`` of the driving surface the slip itself is, so that traction is defined at a standstill.
+    """
+    return slip / (creep * math.sqrt(surface**2 + v_s**2))
 
 
 def saturated(x, limit):

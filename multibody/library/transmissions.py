@@ -1,9 +1,10 @@
-"""Transmissions: gear, screw, rack, rigid links and a crank, ideal or with losses in proportion to the power.
+"""Transmissions: gear, screw, rack, rigid links and a crank, ideal, slipping or with losses in proportion to the power.
 
 The motion of one side is a function of the other's (``coupling``); the machine loses a degree of freedom and
 no spring or constraint force is needed. Which side follows is decided when the model is assembled. Giving an
 ``efficiency`` makes a transmission lossy: the effort that it transmits is then an unknown of an implicit equation,
-because it depends on the losses, which depend on it.
+because it depends on the losses, which depend on it.  A belt, a rope or a friction wheel creeps: of `SlippingRack` and
+`SlippingGear` the two sides are independent, and what is transmitted follows from the slip between them.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from typing import Any
 
 from multibody.declare.component import Component
 from multibody.declare.declarations import Option, Output, Parameter, Power, Rotation, Translation, Unknown
-from multibody.library.laws import transmission_loss
+from multibody.library.laws import creep_traction, transmission_loss
 
-__all__ = ["Crank", "Gear", "Rack", "RigidLink", "RigidShaft", "Screw"]
+__all__ = ["Crank", "Gear", "Rack", "RigidLink", "RigidShaft", "Screw", "SlippingGear", "SlippingRack"]
 
 
 class _Lossy(Component):
@@ -124,6 +125,54 @@ class Rack(_Lossy):
             self.loss = lost * self.b.velocity
         else:
             self.force = self.b.reaction
+
+
+class SlippingGear(Component):
+    """A belt drive or a pair of friction wheels that creeps: what it transmits is in proportion to the relative slip.
+
+    torque on b = (speed of a/ratio − speed of b) / (creep · √((speed of a/ratio)² + v_s²)); a gets 1/ratio of it.
+    """
+
+    ratio = Parameter(None, "", "turns of a for one turn of b, without slip")
+    creep = Parameter(None, "1/(N*m)", "relative slip per torque on b", min=1e-30)
+    v_s = Parameter(1e-2, "rad/s", "speed of b below which the slip is in proportion to the torque alone", min=1e-12)
+    a = Rotation("driving side")
+    b = Rotation("driven side")
+    torque = Output("N*m", "torque that is exerted on b")
+    slip = Output("rad/s", "speed by which b stays behind")
+    loss = Power(kind="loss")
+
+    def equations(self):
+        surface = self.a.speed / self.ratio
+        self.slip = surface - self.b.speed
+        self.torque = creep_traction(self.slip, surface, self.creep, self.v_s)
+        self.b.torque = self.torque
+        self.a.torque = -self.torque / self.ratio
+        self.loss = self.torque * self.slip
+
+
+class SlippingRack(Component):
+    """A rope on a drum, a belt on a pulley or a wheel on a track that creeps: it transmits in proportion to the slip.
+
+    force on b = (radius · speed of a − velocity of b) / (creep · √((radius · speed of a)² + v_s²)).
+    """
+
+    radius = Parameter(None, "m", "travel for one radian, without slip")
+    creep = Parameter(None, "1/N", "relative slip per force on b", min=1e-30)
+    v_s = Parameter(1e-2, "m/s", "speed below which the slip is in proportion to the force alone", min=1e-12)
+    a = Rotation("drum, pulley or wheel")
+    b = Translation("rope, belt or track")
+    force = Output("N", "force that is exerted on b")
+    slip = Output("m/s", "speed by which b stays behind")
+    loss = Power(kind="loss")
+
+    def equations(self):
+        surface = self.radius * self.a.speed
+        self.slip = surface - self.b.velocity
+        self.force = creep_traction(self.slip, surface, self.creep, self.v_s)
+        self.b.force = self.force
+        self.a.torque = -self.radius * self.force
+        self.loss = self.force * self.slip
 
 
 class RigidLink(Component):

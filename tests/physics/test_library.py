@@ -160,6 +160,8 @@ def transmissions(m):
             (library.Screw(lead=0.5, efficiency=0.7, v_s=0.1), _body),
             (library.Rack(radius=0.1), _body),
             (library.Rack(radius=0.1, efficiency=0.9, v_s=0.1), _body),
+            (library.SlippingGear(ratio=3.0, creep=0.5, v_s=0.2), _rotor),
+            (library.SlippingRack(radius=0.1, creep=0.3, v_s=0.2), _body),
             (library.RigidShaft(offset=0.2), _rotor),
             (library.TorqueSensor(), _rotor),
             (library.Crank(radius=0.1, rod=0.3), _body),

@@ -15,6 +15,7 @@ from discrepancy.problem.study_file import read_study
 from discrepancy.validation.machines.case import FINAL, Case, CaseError, _Graded, draw, write
 from discrepancy.validation.machines.command import main
 from discrepancy.validation.machines.disturbances import SPECTRA, Disturbance, drawn_disturbance, modes
+from discrepancy.validation.machines.evidence_of_truth import evidence_of_truth, study_with_truth_alone
 from discrepancy.validation.machines.fleet import NAMES, machine_named
 from discrepancy.validation.machines.grading import Information, information, stacked
 from discrepancy.validation.machines.judge import judged
@@ -287,6 +288,39 @@ def test_the_temperature_takes_the_models_that_were_tried(tmp_path: Path) -> Non
     assert temperature_lines(tmp_path, [{"case": "a"}, {"case": "d"}]) == []
 
 
+def test_the_evidence_of_the_truth_is_over_the_model_without_effects(tmp_path: Path) -> None:
+    """Of the search; where that did not try the truth, of the diagnosis with it alone."""
+    models = {"": 2.0, "drag@axle": 14.0, "drag@belt": 9.0, "play@belt drag@axle": 30.0}
+    judged_folder(tmp_path / "a", "single", [["drag@*"]], models)
+    judged_folder(tmp_path / "b", "single", [["slip@belt"]], models)
+    judged_folder(tmp_path / "c", "outside", [[]], models)
+    assert evidence_of_truth(tmp_path / "a") == pytest.approx(12.0)
+    assert evidence_of_truth(tmp_path / "b") is None
+    assert evidence_of_truth(tmp_path / "c") is None
+    judged_folder(tmp_path / "b" / "again", "single", [["slip@belt"]], {"": 2.0, "slip@belt": 5.0})
+    (tmp_path / "b" / "again" / "out").rename(tmp_path / "b" / "truth_alone")
+    assert evidence_of_truth(tmp_path / "b") == pytest.approx(3.0)
+
+
+def test_the_truth_alone_is_what_of_the_catalogue_is_hidden(tmp_path: Path) -> None:
+    judged_folder(tmp_path, "single", [["drag@*", "lag@*"]], {"": 0.0})
+    (tmp_path / "study.toml").write_text('[model]\nbuild = "model.py:build"\n')
+    study = study_with_truth_alone(tmp_path, ["drag@axle", "play@belt", "drag@belt"])
+    assert study is not None
+    assert 'include = ["drag@axle", "drag@belt"]' in study.read_text()
+    assert study_with_truth_alone(tmp_path, ["play@belt"]) is None
+
+
+def test_what_is_overstated_has_no_share_in_the_temperature(tmp_path: Path) -> None:
+    judged_folder(tmp_path, "single", [["drag@*"]], {"": 0.0, "drag@axle": 30.0})
+    decisions = json.loads((tmp_path / "out" / "decisions.json").read_text())
+    decisions["models"][1]["log_evidence"]["overstated"] = 20.0
+    (tmp_path / "out" / "decisions.json").write_text(json.dumps(decisions))
+    found = tried_models(tmp_path)
+    assert found is not None
+    np.testing.assert_allclose(found.log_evidence, [1.0, 11.0])
+
+
 def row(**columns: Any) -> dict[str, str]:
     return {key: str(columns.get(key, "")) for key in COLUMNS}
 
@@ -294,8 +328,8 @@ def row(**columns: Any) -> dict[str, str]:
 def test_the_page_counts_by_category_and_nats() -> None:
     common = {"invented": 0, "answer": "effect found", "code": "abc", "machine": "web", "statements": "[]", "worse": 0}
     rows = [
-        row(case="a", category="single", nats=100, right=1, first=1, in_set=1, **common),
-        row(case="b", category="single", nats=10, right=0, first=0, in_set=1, confident_wrong=1, **common),
+        row(case="a", category="single", nats=100, evidence=33.0, right=1, first=1, in_set=1, **common),
+        row(case="b", category="single", nats=10, evidence=-2.0, first=0, in_set=1, confident_wrong=1, **common),
         row(case="c", category="none", nats=0, right=1, **common),
         row(case="d", category="outside", nats=100, unknown=1, right=1, **common),
     ]
@@ -303,6 +337,9 @@ def test_the_page_counts_by_category_and_nats() -> None:
     assert found["right"] == (3, 4)
     assert found["truth first, 100 nats or more"] == (1, 1)
     assert found["a confident wrong name, below 100 nats"] == (1, 1)
+    assert found["truth first, evidence for the truth 30 to 100 nats"] == (1, 1)
+    assert found["truth in the set, evidence for the truth below 10 nats"] == (1, 1)
+    assert found["truth first, evidence for the truth 100 nats or more"] == (0, 0)
     assert found["outside the catalogue, reported as unknown"] == (1, 1)
     text = page(rows, date="2026-01-01", final=True)
     assert "2026-01-01, code abc, final seeds, run once" in text

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from statistics import median
 
 from discrepancy.validation.machines.reliability import brier_score, calibration_error, jeffreys
@@ -12,6 +14,9 @@ __all__ = ["counts", "page", "statements"]
 
 Row = dict[str, str]
 VISIBLE = 100.0  # nats from which an effect is plain enough to be asked for by its name
+#: Between these, single effects are counted by the evidence for the truth, nats: from below a Bayes factor of exp 10 to
+#: plain; the same steps as those of the grades.
+EVIDENCE = (-math.inf, 10.0, 30.0, VISIBLE, math.inf)
 
 
 def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
@@ -20,6 +25,7 @@ def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
     named = [r for r in graded if r["category"] == "single"]
     plain = [r for r in named if float(r["nats"]) >= VISIBLE]
     faint = [r for r in named if float(r["nats"]) < VISIBLE]
+    weighed = [r for r in named if r.get("evidence")]
 
     def count(name: str, of: Sequence[Row], hit: Callable[[Row], bool]) -> tuple[str, int, int]:
         return name, sum(map(hit, of)), len(of)
@@ -30,6 +36,13 @@ def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
     def flag(column: str) -> Callable[[Row], bool]:
         return lambda row: row[column] == "1"
 
+    by_evidence = []
+    for low, high in reversed(list(pairwise(EVIDENCE))):
+        rows_between = [r for r in weighed if low <= float(r["evidence"]) < high]
+        text = f"evidence for the truth {_between(low, high)}"
+        by_evidence.append(count(f"truth first, {text}", rows_between, flag("first")))
+        by_evidence.append(count(f"truth in the set, {text}", rows_between, flag("in_set")))
+
     return [
         count("right", graded, flag("right")),
         count("nothing missing, and the answer says so", of("none"), flag("right")),
@@ -37,6 +50,7 @@ def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
         count(f"truth in the set, {VISIBLE:g} nats or more", plain, flag("in_set")),
         count(f"truth in the set, below {VISIBLE:g} nats", faint, flag("in_set")),
         count(f"a confident wrong name, below {VISIBLE:g} nats", faint, flag("confident_wrong")),
+        *by_evidence,
         count("cases with effects named that are not there", graded, lambda r: int(r["invented"] or 0) > 0),
         count("outside the catalogue, reported as unknown", of("outside"), flag("unknown")),
         count("outside the catalogue, a wrong name", of("outside"), lambda r: int(r["invented"] or 0) > 0),
@@ -45,6 +59,19 @@ def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
         count("an output worse held out", graded, flag("worse")),
         count("no answer within the limits", graded, lambda r: r["answer"] == "none"),
     ]
+
+
+def _between(low: float, high: float) -> str:
+    """Return a range of nats in words.
+
+    Examples
+    --------
+    >>> _between(-math.inf, 10.0), _between(30.0, 100.0), _between(100.0, math.inf)
+    ('below 10 nats', '30 to 100 nats', '100 nats or more')
+    """
+    if math.isinf(low):
+        return f"below {high:g} nats"
+    return f"{low:g} nats or more" if math.isinf(high) else f"{low:g} to {high:g} nats"
 
 
 def statements(rows: Sequence[Row]) -> tuple[list[float], list[int]]:
@@ -93,13 +120,14 @@ def page(rows: Sequence[Row], *, date: str, final: bool, further: Sequence[str] 
         "",
         "## Cases",
         "",
-        "| case | hidden | verdict | named | right | s | MB |",
-        "|---|---|---|---|---|---|---|",
+        "| case | hidden | evidence for it, nats | verdict | named | right | s | MB |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         cells = (
             row["case"],
             row["hidden"],
+            row.get("evidence", ""),
             row["answer"],
             row["named"],
             row["right"],

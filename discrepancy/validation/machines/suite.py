@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy.validation.machines.case import Case, CaseError, draw, write
+from discrepancy.validation.machines.evidence_of_truth import FITTED_ALONE, evidence_of_truth, study_with_truth_alone
 from discrepancy.validation.machines.fleet import machine_named
 from discrepancy.validation.machines.judge import Score, judged
 
@@ -26,6 +27,7 @@ COLUMNS = (
     "what",
     "category",
     "nats",
+    "evidence",
     "seed",
     "final",
     "answer",
@@ -155,7 +157,22 @@ def _run(case: Case, folder: Path, limits: Limits, code: str) -> dict[str, Any]:
     head |= {"processor_s": f"{seconds:.1f}", "peak_MB": f"{megabytes:.0f}"}
     if answer is None:
         return {**head, "answer": "none", "right": 0, "first": 0, "in_set": 0, "invented": 0, "worse": 0, "unknown": 0}
+    if truth["category"] == "single":
+        head["evidence"] = _evidence_of_truth(folder, limits)
     return {**head, "answer": answer["verdict"], **_columns(judged(truth, answer))}
+
+
+def _evidence_of_truth(folder: Path, limits: Limits) -> str:
+    """Return by how many nats the records are for the truth; where the search did not try it, it is tried alone."""
+    evidence = evidence_of_truth(folder)
+    if evidence is None:
+        listed = [sys.executable, "-m", "vtsdt", "catalogue", str(folder / "study.toml"), "--names"]
+        names = subprocess.run(listed, check=True, capture_output=True, text=True).stdout.split()
+        study = study_with_truth_alone(folder, names)
+        if study is not None:
+            _diagnosed(study, folder / FITTED_ALONE, limits)
+            evidence = evidence_of_truth(folder)
+    return "" if evidence is None else f"{evidence:.1f}"
 
 
 def _columns(score: Score) -> dict[str, Any]:

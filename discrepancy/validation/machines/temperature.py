@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from discrepancy.evidence.policy import POLICY
+from discrepancy.validation.machines.evidence_of_truth import is_truth, log_evidence_of
 from discrepancy.validation.machines.reliability import brier_score_of_models, fitted_temperature, tempered
 
 __all__ = ["temperature_lines", "tried_models"]
@@ -27,7 +24,7 @@ class _TriedModels:
     Parameters
     ----------
     log_evidence : ndarray, shape (models,)
-        Without prior odds.
+        Without prior odds, and without what is overstated.
     log_prior : ndarray, shape (models,)
         Prior odds.
     true : ndarray of bool, shape (models,)
@@ -53,13 +50,13 @@ def tried_models(folder: Path) -> _TriedModels | None:
     if truth["category"] == "outside":
         return None
     accepted = [e["accept"] for e in truth["effects"]]
-    models = [m for m in decisions["models"] if _evidence(m) is not None]
-    true = np.array([_is_truth(m["effects"], accepted) for m in models], dtype=bool)
+    evidence = {k: e for k, m in enumerate(decisions["models"]) if (e := log_evidence_of(m, as_held=True)) is not None}
+    models = [decisions["models"][k] for k in evidence]
+    true = np.array([is_truth(m["effects"], accepted) for m in models], dtype=bool)
     if not true.any():
         return None
     prior = np.array([m["log_evidence"]["log_prior_odds"] for m in models], dtype=float)
-    total = np.array([_evidence(m) for m in models], dtype=float)
-    return _TriedModels(log_evidence=total - prior, log_prior=prior, true=true)
+    return _TriedModels(log_evidence=np.array(list(evidence.values()), dtype=float), log_prior=prior, true=true)
 
 
 def temperature_lines(out: Path, rows: Sequence[Mapping[str, str]]) -> list[str]:
@@ -95,21 +92,6 @@ def temperature_lines(out: Path, rows: Sequence[Mapping[str, str]]) -> list[str]
         likely = f"{int((truth > 0.5).sum())} of {len(truth)}"
         lines.append(f"| {temperature:.2g}{note} | {brier_score_of_models(p, true):.3f} | {likely} | {loss:.2f} |")
     return lines
-
-
-def _evidence(model: Mapping[str, Any]) -> float | None:
-    """Return the log evidence of a model in decisions.json; None where it could not be fitted."""
-    parts = model.get("log_evidence")
-    total = parts["total"] if parts else None  # null where a strength would act the other way
-    return float(total) if total is not None and math.isfinite(total) else None
-
-
-def _is_truth(effects: Sequence[str], accepted: Sequence[Sequence[str]]) -> bool:
-    """Tell whether the effects are the hidden ones, one for one."""
-    return len(effects) == len(accepted) and any(
-        all(any(fnmatchcase(name, pattern) for pattern in accept) for name, accept in zip(order, accepted, strict=True))
-        for order in itertools.permutations(effects)
-    )
 
 
 def _padded(
