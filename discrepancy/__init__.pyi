@@ -9,7 +9,7 @@ from .questions.trip_plan import TripPlan
 from .report.diagnosis_json import to_diagnosis
 from .report.schema import check_diagnosis
 from .report.write import write_report
-from .search.moves import Decision
+from .search.decision import Decision
 from .stages.stage import AcceptedEffect, RivalExplanation, Stage
 from .study.history import restore, save_history
 from .study.study import Study

@@ -18,7 +18,7 @@ from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, prop
 from discrepancy.evidence.stages_of_answer import make_stages
 from discrepancy.evidence.trials import Trials, most_believed
 from discrepancy.evidence.tried_models import TriedModels, judge
-from discrepancy.search.moves import Decision
+from discrepancy.search.decision import Decision
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from multibody.base.memory import give_back
 from multibody.base.quantity_text import count_text

@@ -8,11 +8,23 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from discrepancy.effects.effect import Effect
-from discrepancy.search import moves
+from discrepancy.search.decision import Decision
 from discrepancy.search.model_comparison import bic_difference
-from discrepancy.search.moves import Decision
+from discrepancy.search.moves.add_one import propose_effect, require_presence
+from discrepancy.search.moves.add_pair import propose_pair
+from discrepancy.search.moves.add_without_significance import propose_without_significance
+from discrepancy.search.moves.exchange import Exchange, propose_exchange
+from discrepancy.search.moves.free_curves import (
+    laws_at_connections,
+    propose_curve,
+    propose_curve_for_all,
+    propose_curve_for_laws,
+)
+from discrepancy.search.moves.remove_redundant import find_redundant_effect
 from discrepancy.search.omnibus import omnibus_of_stage
+from discrepancy.search.policy import POLICY
 from discrepancy.search.prior_conflict_test import find_prior_conflict
+from discrepancy.search.scoring import ScanSettings, score_candidates
 from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.held_out_errors import held_out_gain_of_errors, simulated_worse
@@ -21,8 +33,6 @@ from discrepancy.statistics.thresholds import DECISIVE_BIC, HARMFUL_SHARE, LEVEL
 from multibody.base.errors import SimulationError
 
 __all__ = ["Search"]
-
-START_SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, at which the fit of an effect added by hand begins
 
 
 @dataclass
@@ -67,15 +77,15 @@ class Search:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         state, stage = self.state, self.state.stage  # the first use makes stages
         settings = self._scan_settings(len(state.stages))
-        decision = moves.propose_effect(stage, state.effect_on_trial, **settings)
+        decision = propose_effect(stage, state.effect_on_trial, **settings)
         if state.problem.max_effects - len(stage.effects) > 1:
-            decision = moves.propose_pair(decision, stage, state.on_trial, **settings)
-        decision = moves.require_presence(decision, stage, lambda t: state.fitted(t.name, t.effects, t, t.noise))
+            decision = propose_pair(decision, stage, state.on_trial, **settings)
+        decision = require_presence(decision, stage, lambda t: state.fitted(t.name, t.effects, t, t.noise))
         state.decisions.append(decision)
         state.stages[-1] = replace(stage, scan=decision.scan)
         return decision
 
-    def _scan_settings(self, count: int) -> moves.ScanSettings:
+    def _scan_settings(self, count: int) -> ScanSettings:
         """Return how candidates are scored on the last of so many stages."""
         given = self.state.problem
         return {
@@ -105,7 +115,7 @@ class Search:
             If the machine cannot be simulated with a hundredth of them either.
         """
         stage = None
-        for share in START_SHARES:
+        for share in POLICY.start_shares:
             smaller = replace(effect, strengths={k: share * v for k, v in effect.strengths.items()})
             try:
                 stage = self.state.with_effect(smaller, instead_of)
@@ -117,7 +127,7 @@ class Search:
             strengths = ", ".join(f"{k} = {v:g}" for k, v in effect.strengths.items())
             raise SimulationError(
                 f"{effect} cannot be added: the machine cannot be simulated from its start values, not even with "
-                f"{START_SHARES[-1]:g} of the strengths ({strengths}); "
+                f"{POLICY.start_shares[-1]:g} of the strengths ({strengths}); "
                 f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {reason}"
             ) from reason
         self.state.stages.append(replace(stage, accepted=accepted))
@@ -159,7 +169,7 @@ class Search:
         state.omnibus = omnibus_of_stage(state.stage, level=problem.level / LEVEL_SHARES, seed=problem.seed)
         if state.omnibus is None or not state.omnibus.rejects or not problem.max_effects:
             return False
-        stage = moves.propose_without_significance(
+        stage = propose_without_significance(
             state.stage,
             state.decisions[-1].scan,
             state.effect_on_trial,
@@ -256,7 +266,7 @@ class Search:
     def _remove_redundant(self) -> bool:
         """Remove an earlier effect that a later one has made redundant; tell whether there was one."""
         state = self.state
-        redundant = moves.find_redundant_effect(state.stages, state.on_trial, state.progress)
+        redundant = find_redundant_effect(state.stages, state.on_trial, state.progress)
         if redundant is None:
             return False
         stage, effect = redundant
@@ -300,7 +310,7 @@ class Search:
         state = self.state
         if len(state.stage.effects) > 1:
             self._scan_again()
-        exchange = moves.propose_exchange(state.stages, state.on_trial, state.progress)
+        exchange = propose_exchange(state.stages, state.on_trial, state.progress)
         if exchange is None:
             return False
         note = f"{exchange.new} replaces {exchange.old}: it is better beside the effects found later"
@@ -329,10 +339,10 @@ class Search:
         for k, after in enumerate(stages[1:], 1):
             before = stages[k - 1]
             if after.accepted is not None and before.scan is None:
-                scans, *_ = moves.score_candidates(before, **self._scan_settings(k))
+                scans, *_ = score_candidates(before, **self._scan_settings(k))
                 stages[k - 1] = replace(before, scan=scans[0])
 
-    def _make_again(self, stage: Stage, exchange: moves.Exchange) -> None:
+    def _make_again(self, stage: Stage, exchange: Exchange) -> None:
         """Make a stage again with one effect exchanged."""
         old, new = exchange.old.component_name, exchange.new.component_name
         names = {e.component_name for e in stage.effects} - {old} | {new}
@@ -353,7 +363,7 @@ class Search:
             if not self._replace_by_curve():
                 self._replace_by_curve(anywhere=True)
         elif len(state.stage.effects) < problem.max_effects:
-            curve = moves.propose_curve(
+            curve = propose_curve(
                 state.stage, state.on_trial, level=problem.level, seed=problem.seed, progress=state.progress
             )
             if curve is not None and self._recalibrated_from(curve):
@@ -364,14 +374,13 @@ class Search:
 
     def _several_laws_at_a_place(self) -> bool:
         """Tell whether there are several laws at one connection, which one curve may explain more simply."""
-        effects = self.state.stage.effects
-        laws = [e.where for e in effects if e.definition.at == "connection" and not e.definition.free_form]
-        return len(laws) > len(set(laws))
+        laws = laws_at_connections(self.state.stage.effects)
+        return len(laws) > len({e.where for e in laws})
 
     def _replace_by_curve(self, anywhere: bool = False, final: bool = True) -> bool:
         """Replace the laws found at a connection, or all of them, by one free curve, if that is the better model."""
         state, problem = self.state, self.state.problem
-        propose = moves.propose_curve_for_all if anywhere else partial(moves.propose_curve_for_laws, final=final)
+        propose = propose_curve_for_all if anywhere else partial(propose_curve_for_laws, final=final)
         proposal = propose(
             state.stages, state.on_trial, level=problem.level, seed=problem.seed, progress=state.progress
         )

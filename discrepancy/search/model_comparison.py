@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.search.policy import POLICY
 from discrepancy.stages.prior_conflict import prior_penalty
 from discrepancy.stages.stage import Stage, comparable_residuals
 from discrepancy.statistics.blocks import Sensitivities
@@ -27,9 +28,6 @@ __all__ = [
     "left_out_residuals",
 ]
 
-#: Multiple of the noise floor above which a residual needs an explanation; chosen, not measured.
-ABOVE_NOISE = 2.0
-
 
 # ---------------------------------------------------------------- on the records of the fit
 
@@ -48,7 +46,7 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
     for c, name in enumerate(richer.outputs):
         a, b = [e[:, c] for e in all_a], [e[:, c] for e in all_b]
         n = sum(e.size / correlation_time(e) for e in a)
-        floor = sum(e.size for e in a) * (1e-3 * richer.noise.get(name, 0.0)) ** 2
+        floor = sum(e.size for e in a) * (POLICY.noise_share * richer.noise.get(name, 0.0)) ** 2
         sse_a, sse_b = (sum(float(e @ e) for e in group) + floor for group in (a, b))
         total += n * (np.log(max(sse_a, 1e-300)) - np.log(max(sse_b, 1e-300)))
         samples += n
@@ -93,7 +91,7 @@ def is_relevant(richer: Stage, poorer: Stage) -> bool:
 def exceeds_noise(stage: Stage) -> bool:
     """Tell whether the error of at least one output is well above its noise floor."""
     error = stage.rmse("identify")
-    return any(error[n] > ABOVE_NOISE * stage.noise.get(n, 0.0) for n in stage.outputs)
+    return any(error[n] > POLICY.above_noise * stage.noise.get(n, 0.0) for n in stage.outputs)
 
 
 # ---------------------------------------------------------------- on records left out

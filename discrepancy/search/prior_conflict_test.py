@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.search.model_comparison import bic_difference
+from discrepancy.search.policy import POLICY
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from estimation.fit.calibration import UncertainParameter
 
 __all__ = ["PriorConflict", "find_prior_conflict"]
-
-WIDER = 1000.0  # factor on the stated standard deviations: hardly any prior is left
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def find_prior_conflict(
     """
     if not any(np.isfinite(q.std) for q in problem.uncertain):
         return None
-    wide = tuple(replace(q, std=WIDER * q.std) for q in problem.uncertain)
+    wide = tuple(replace(q, std=POLICY.wider_prior * q.std) for q in problem.uncertain)
     try:
         free = fit(wide, baseline)
     except RuntimeError:  # values at which the machine cannot be simulated explain nothing

@@ -17,7 +17,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, noise_floors
-from discrepancy.search.moves import Decision
+from discrepancy.search.decision import Decision
 from discrepancy.stages.beyond_belief import beyond_belief
 from discrepancy.stages.fit_stage import FittedValues, fitted_stage
 from discrepancy.stages.stage import Stage

@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.effects.catalogue import Entry
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of, simpler_in
-from discrepancy.search.moves import score_candidates
+from discrepancy.search.scoring import score_candidates
 from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import Stage
 from discrepancy.statistics.blocks import Candidate

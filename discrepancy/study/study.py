@@ -18,8 +18,8 @@ from discrepancy.problem.problem import read_problem
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.questions.locate import WhereItFails, locate
 from discrepancy.questions.unknown_force import UnknownForce
+from discrepancy.search.decision import Decision
 from discrepancy.search.loop import Search
-from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect

@@ -9,7 +9,7 @@ import pytest
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.from_scan_row import effect_of
 from discrepancy.rigs.axis import axis_case
-from discrepancy.search.moves import propose_exchange
+from discrepancy.search.moves.exchange import propose_exchange
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.study.study import Study

@@ -64,9 +64,9 @@ def test_the_conclusion_says_that_they_mask_each_other(study):
 @pytest.mark.slow
 def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
     """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
-    from discrepancy.search import moves
+    from discrepancy.search import loop
 
-    monkeypatch.setattr(moves, "propose_pair", lambda decision, *args, **settings: decision)
+    monkeypatch.setattr(loop, "propose_pair", lambda decision, *args, **settings: decision)
     alone = Study(problem)
     alone.diagnose()
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
@@ -96,15 +96,14 @@ def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem,
 
 def test_the_remaining_effect_of_a_pair_is_masked_by_nothing(study, monkeypatch):
     """A stage that awaits its partner is removed when a search continues; one whose partner was removed is not."""
-    from discrepancy.search import moves
-    from discrepancy.search.loop import Search
+    from discrepancy.search import loop
 
     first, second = study.stage.effects
     left = replace(study, stages=list(study.stages))
     without = left.on_trial(left.stage.name, (second,), left.stage)
     answers = iter([(without, first)])
-    monkeypatch.setattr(moves, "find_redundant_effect", lambda *args: next(answers, None))
-    Search(left).eliminate()
+    monkeypatch.setattr(loop, "find_redundant_effect", lambda *args: next(answers, None))
+    loop.Search(left).eliminate()
     assert [str(e) for e in left.stage.effects] == [str(second)]
     assert left.stage.accepted.masked_by == ""
     assert not left.stage.half_of_masking_pair

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.conclusion.conclude import conclude
 from discrepancy.rigs.axis import axis_case
 from discrepancy.search.loop import Search
-from discrepancy.search.moves import propose_curve
+from discrepancy.search.moves.free_curves import propose_curve
 from discrepancy.search.omnibus import omnibus_of_stage
 from discrepancy.stages.force_estimate import estimate_force
 from discrepancy.study.study import Study

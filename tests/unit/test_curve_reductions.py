@@ -8,7 +8,8 @@ import pytest
 
 from discrepancy.effects.effect import Effect
 from discrepancy.search.model_comparison import excess_error, expected_curve_reductions
-from discrepancy.search.moves import CURVE_REDUCTION, LINEAR_ERROR, propose_curve_for_laws
+from discrepancy.search.moves.free_curves import propose_curve_for_laws
+from discrepancy.search.policy import POLICY
 from discrepancy.stages.stage import AcceptedEffect
 
 
@@ -44,12 +45,12 @@ def test_a_fit_removes_little_more_than_expected(sticking, wrong, over):
     expected = expected_curve_reductions(before, wrong)["guide", over]
     removed = removed_more(fit, wrong, before)
     assert removed > 0.1
-    assert removed / LINEAR_ERROR < expected < removed / 0.8  # as on 31 machines: docs/method/which-law.md
+    assert removed / POLICY.linear_error < expected < removed / 0.8  # as on 31 machines: docs/method/which-law.md
 
 
 def test_beside_the_true_law_no_curve_is_expected_to_gain_and_none_is_fitted(sticking, fitted):
     before, right = sticking.stage, fitted("coulomb_friction", coulomb=10.0)
-    assert max(expected_curve_reductions(before, right).values()) < CURVE_REDUCTION / LINEAR_ERROR
+    assert max(expected_curve_reductions(before, right).values()) < POLICY.curve_reduction / POLICY.linear_error
 
     def never(*fit):
         raise AssertionError(f"fitted: {fit}")

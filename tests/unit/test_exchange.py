@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from discrepancy.effects.effect import Effect
-from discrepancy.search.moves import Exchange, propose_exchange
+from discrepancy.search.moves.exchange import Exchange, propose_exchange
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation
 
 MOTOR = Effect(kind="sensor_gain", where="motor.torque", strengths={"gain": 0.1})

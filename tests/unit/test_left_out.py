@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.search.model_comparison import left_out_difference, left_out_residuals
-from discrepancy.search.moves import predicts_better
+from discrepancy.search.moves.free_curves import predicts_better
 from discrepancy.study.study import Study
 
 

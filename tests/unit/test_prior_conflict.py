@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.search.moves import require_presence
+from discrepancy.search.moves.add_one import require_presence
 from discrepancy.study.study import Study
 from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter

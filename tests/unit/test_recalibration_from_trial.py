@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from discrepancy.rigs.axis import axis_case
-from discrepancy.search import moves
 from discrepancy.search.loop import Search
 from discrepancy.search.model_comparison import bic_difference
+from discrepancy.search.moves.free_curves import _best_curve
 from discrepancy.study.study import Study
 
 
@@ -56,7 +56,7 @@ def test_a_curve_below_every_noise_floor_is_no_answer(study):
     effect = type("Curve", (), {"over": "time", "where": "guide"})()
 
     def best(stage):
-        return moves._best_curve(before, before, [effect], [0.001], lambda *_: stage, lambda _: None, least=0.0)
+        return _best_curve(before, before, [effect], [0.001], lambda *_: stage, lambda _: None, least=0.0)
 
     assert bic_difference(better, before) < -10.0  # enough samples make anything significant
     floor = {n: 2.0 * r for n, r in before.rmse("identify").items()}

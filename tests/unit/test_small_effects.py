@@ -13,8 +13,11 @@ from discrepancy.conclusion.conclusion import NegligibleEffect
 from discrepancy.conclusion.sentences import negligible_sentence
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.search import omnibus
+from discrepancy.search.decision import Decision
 from discrepancy.search.model_comparison import is_relevant
-from discrepancy.search.moves import FINALISTS, Decision, _best_present, _different
+from discrepancy.search.moves.add_one import _different
+from discrepancy.search.moves.add_without_significance import _best_present
+from discrepancy.search.policy import POLICY
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.verdicts import Verdict
 from estimation.fit.calibrate import WEIGHT_CHANGE, calibrate
@@ -72,7 +75,7 @@ def test_an_effect_of_which_the_scan_is_sure_needs_only_be_the_better_model(smal
     assert found is not None
     assert str(found.accepted.effect) == DRY
     assert found.accepted.p_value == pytest.approx(min(1.0, LEVEL_SHARES * calibrated.scan[DRY].p_value))
-    assert len(set(fitted)) <= FINALISTS
+    assert len(set(fitted)) <= POLICY.finalists
     assert _best_present(small, calibrated.scan, lambda *_, **__: small, entries, lambda _: None) is None
 
 
