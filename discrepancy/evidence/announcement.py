@@ -196,7 +196,7 @@ class Announcement:
         if start.likelihood is None:
             return False
         gain = self._held_out_gain_of_errors(shown, self._tried.as_reported(start))
-        if gain.harms(POLICY.harm, gain.in_normal_errors(POLICY.simulation_errors)):
+        if gain.harms(POLICY.harm, POLICY.simulation_errors):
             return False
         score = held_out_gain(self._state.problem, model.likelihood, start.likelihood)
         return score.exceeds(POLICY.certain_errors)
@@ -228,8 +228,7 @@ class Announcement:
         if evidence.total < model.total - POLICY.reach:
             return
         gain = self._held_out_gain_of_errors(there.stage, likelihood.stage)
-        harms = gain.harms(POLICY.harm, gain.in_normal_errors(POLICY.simulation_errors))
-        if harms or self._simulated_worse(there.stage):
+        if gain.harms(POLICY.harm, POLICY.simulation_errors) or self._simulated_worse(there.stage):
             self._state.progress(f"{model.name} stays at the parameters of least squares, which predict better")
             return
         self._state.progress(

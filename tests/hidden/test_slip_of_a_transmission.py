@@ -57,11 +57,11 @@ build = "models.py:belt"
 
 
 def belt(rng: np.random.Generator, creep: float) -> dict[str, np.ndarray]:
-    """Return one record of the machine, from rest: 12 s at 100 Hz, a disturbance of 0.5 N at the carriage included."""
+    """Return one record of the machine, from rest: 12 s at 100 Hz, a disturbance of 0.1 N at the carriage included."""
     t = np.arange(0.0, 12.0, 0.01)
     ramp = np.minimum(t / 0.5, 1.0)
     torque = ramp * (1.6 * np.sin(2.0 * np.pi * t / 3.0 + rng.uniform(0.0, 6.0)) + 0.8 * low_passed(rng, t, 0.5))
-    wind = 0.5 * low_passed(rng, t, 2.0)
+    wind = 0.1 * low_passed(rng, t, 2.0)
 
     def transmitted(u: float, v: float) -> float:
         relative = (u - v) / np.sqrt(0.25 * (u + v) ** 2 + 0.01**2)
@@ -92,7 +92,7 @@ def test_slip_is_named_with_its_size(tmp_path) -> None:
     assert found["unit"] == "1/N"
     assert found["value"] == pytest.approx(creep, rel=0.1)
     last, first = answer["stages"][-1]["validate"], answer["stages"][1]["validate"]
-    assert last["tacho.speed"]["rmse"] < 0.95 * first["tacho.speed"]["rmse"]
+    assert all(last[name]["rmse"] < 0.8 * first[name]["rmse"] for name in last)
 
 
 def test_no_slip_is_named_where_the_belt_holds(tmp_path) -> None:

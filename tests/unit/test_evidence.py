@@ -118,7 +118,7 @@ def test_what_few_records_show_goes_by_students_t() -> None:
 
 def test_what_could_not_be_named_is_said_where_it_is_probable() -> None:
     names = ("constant_force@bearing",)
-    likely = posterior(by_key(tried(0.0), tried(6.0, *names)), [], None)
+    likely = posterior(by_key(tried(0.0), tried(2.0 * POLICY.temperature, *names)), [], None)
     text = probability_sentence(likely)
     assert likely.models[()] == pytest.approx(1.0 / (1.0 + math.exp(2.0)))
     assert "well enough to be named: 88 %, most probably a constant force at bearing (88 %)" in text

@@ -119,7 +119,7 @@ MACHINE = Machine(
             name="dahl",
             strength="level",
             size=1.0,
-            accept=("hysteresis@*",),
+            accept=("hysteresis@*", "coulomb_friction@*"),  # that gives way is the same law
             shape={"reach": (3e-4, 1e-3)},
             what="friction after Dahl, elastic over a fraction of a millimetre",
         ),
