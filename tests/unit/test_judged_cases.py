@@ -29,7 +29,7 @@ from discrepancy.validation.machines.reliability import (
     reliability_figure,
     tempered,
 )
-from discrepancy.validation.machines.simulate import simulate
+from discrepancy.validation.machines.simulate import _with_errors, simulate
 from discrepancy.validation.machines.suite import COLUMNS, cases
 from discrepancy.validation.machines.temperature import temperature_lines, tried_models
 
@@ -70,6 +70,14 @@ def test_the_weight_of_a_machine_is_that_of_its_closed_form() -> None:
     ramp = 0.1 * t / 0.85
     np.testing.assert_allclose(d, ramp, atol=1e-9)
     assert weight.nats(d) == pytest.approx(0.5 * ramp @ np.linalg.solve(dense, ramp), rel=0.01)
+
+
+def test_a_late_sensor_is_late_and_does_not_smooth() -> None:
+    """A sine of a tenth of the sampling rate, 0.3 and 0.5 of a sample late; a polygon would take 5 % of its size."""
+    t = np.tile(np.arange(200.0)[:, None], (1, 2))
+    p = SimpleNamespace(speed_gain=0.0, speed_offset=0.0, speed_drift=0.0, speed_delay=np.array([0.3, 0.5]))
+    seen = _with_errors(np.sin(0.2 * np.pi * t), SHORT.channels[0], p, t)
+    np.testing.assert_allclose(seen[5:-5], np.sin(0.2 * np.pi * (t - p.speed_delay))[5:-5], atol=2e-3)
 
 
 @pytest.mark.parametrize("spectrum", SPECTRA)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from discrepancy.validation.machines.machine import Channel, Drive, Machine
 
@@ -147,10 +148,17 @@ class _Received:
 
 
 def _with_errors(column: Array, channel: Channel, p: SimpleNamespace, t: Array) -> Array:
-    """Return a channel's true values with the errors of its sensor."""
+    """Return a channel's true values with the errors of its sensor.
+
+    A late one is read between the samples from the spline through them: a polygon would also smooth, as a lag does.
+    """
     gain, offset, delay, drift = (getattr(p, f"{channel.name}_{e}") for e in ("gain", "offset", "delay", "drift"))
     if np.any(delay != 0.0):
-        late = [np.interp(t[:, 0] - d, t[:, 0], column[:, k]) for k, d in enumerate(delay)]
+        time = t[:, 0]
+        late = [
+            CubicSpline(time, column[:, k])(np.clip(time - d, time[0], time[-1]))
+            for k, d in enumerate(np.broadcast_to(delay, column.shape[1]))
+        ]
         column = np.column_stack(late)
     return column * (1.0 + gain) + offset + drift * t
 
