@@ -42,12 +42,22 @@ def domain_of(component: Component) -> str:
 def slipping_class(domain: str) -> type[Component]:
     """Return the component that creeps, by the domain of its driven side.
 
+    Raises
+    ------
+    ValueError
+        If it is neither "translation" nor "rotation".
+
     Examples
     --------
     >>> slipping_class("translation").__name__
     'SlippingRack'
     """
-    return next(c for c in SLIPPING.values() if _domain(c) == domain)
+    for cls in SLIPPING.values():
+        if _domain(cls) == domain:
+            return cls
+    raise ValueError(
+        f"slip of a transmission needs domain='translation' or 'rotation', that of its driven side, not {domain!r}"
+    )
 
 
 def transmitted_by(component: Component) -> str:

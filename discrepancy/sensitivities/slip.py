@@ -75,4 +75,5 @@ def slip_sensitivities(
     found: list[tuple[int, Sequence[np.ndarray]]] = [(0, least)]
     others = in_new_directions(least, lambda k: sensitivity(k + 1), len(amplitudes) - 1, linearised.direction)
     found += [(k + 1, blocks) for k, blocks in others]
-    return [({"amplitude": amplitudes[k]}, blocks) for k, blocks in found]
+    fades = float(system.model.components[entry.where].values["v_s"])
+    return [({"v_s": fades, "amplitude": amplitudes[k]}, blocks) for k, blocks in found]

@@ -90,6 +90,7 @@ def test_slip_is_named_with_its_size(tmp_path) -> None:
     assert [(e["kind"], e["where"]) for e in answer["effects"]] == [("slip", "pulley")]
     found = answer["effects"][0]["parameters"]["creep"]
     assert found["unit"] == "1/N"
+    assert answer["effects"][0]["fixed"] == {"v_s": 0.01}
     assert found["value"] == pytest.approx(creep, rel=0.1)
     last, first = answer["stages"][-1]["validate"], answer["stages"][1]["validate"]
     assert last["tacho.speed"]["rmse"] < 0.7 * first["tacho.speed"]["rmse"]

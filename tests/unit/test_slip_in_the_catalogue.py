@@ -59,6 +59,11 @@ def test_the_effect_gives_the_machine_its_degree_of_freedom_back(where, domain, 
     assert Effect(**dataclasses.asdict(effect)) == effect
 
 
+def test_slip_without_the_domain_of_its_driven_side_says_so() -> None:
+    with pytest.raises(ValueError, match="needs domain='translation' or 'rotation'"):
+        Effect(kind="slip", where="drum", strengths={"creep": 1e-3}).unit("creep")
+
+
 def test_with_hardly_any_creep_the_machine_moves_as_the_rigid_one() -> None:
     effect = Effect(kind="slip", where="drum", strengths={"creep": 1e-7}, domain="translation")
     runs = [
