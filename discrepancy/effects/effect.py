@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Effect", "law_class", "unit_at"]
 
-#: Shape parameters that are fitted within a factor of ten of where they begin.
-#: Share of the creep with which a fit begins, below which it does not go: a transmission that hardly slips is as stiff
-#: as it slips little.
+#: Share of the creep with which a fit begins, below which it does not go: the less a transmission slips, the stiffer is
+#: the machine, and without any slip it is another one; chosen.
 LEAST_SLIP = 1e-3
+#: Shape parameters that are fitted within a factor of ten of where they begin.
 POSITIVE = ("v_stribeck", "v_s", "width", "x_s", "order", "natural_frequency", "damping_ratio", "filter")
 
 

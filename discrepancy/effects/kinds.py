@@ -43,8 +43,8 @@ class Kind:
         that a component already contains, with its strengths at zero, ``"transmission"`` one that replaces a rigid
         transmission.
     law : str
-        Name in `discrepancy.effects.laws.LAWS` (connections), the sensor's or input's error, or the class of the
-        component whose parameters the strengths are.
+        Name in `discrepancy.effects.laws.LAWS` (connections), the sensor's or input's error, the class of the component
+        whose parameters the strengths are, or the function of `multibody.library.laws` by which a transmission slips.
     strengths : tuple of str
         Parameters that are zero when the effect is absent.
     text : KindText

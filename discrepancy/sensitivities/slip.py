@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["slip_sensitivities"]
 
-#: Relative slips, at what is transmitted in the root mean square: from the creep of a good belt to a rope that glides.
+#: Relative slips, at what is transmitted in the root mean square: from the creep of a good belt to a rope that glides;
+#: chosen.
 RELATIVE_SLIPS = (1e-3, 1e-2, 1e-1)
 
 

@@ -91,7 +91,7 @@ def test_slip_is_named_with_its_size(tmp_path) -> None:
     found = answer["effects"][0]["parameters"]["creep"]
     assert found["unit"] == "1/N"
     assert answer["effects"][0]["fixed"] == {"v_s": 0.01}
-    assert found["value"] == pytest.approx(creep, rel=0.1)
+    assert found["value"] == pytest.approx(creep, rel=0.1)  # a third of the limit costs 4 % of the traction (tanh)
     last, first = answer["stages"][-1]["validate"], answer["stages"][1]["validate"]
     assert last["tacho.speed"]["rmse"] < 0.7 * first["tacho.speed"]["rmse"]
     assert last["scale.velocity"]["rmse"] < first["scale.velocity"]["rmse"]

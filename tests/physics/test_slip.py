@@ -46,7 +46,6 @@ def test_without_creep_it_is_the_rigid_transmission() -> None:
         part = SlippingRack(radius=R, creep=creep, v_s=0.1)
         run = hoist(part, torque=1.0, force=-4.0).build().simulate(2.0, rtol=1e-10, atol=1e-12)
         errors.append(abs(run["mass.velocity"][-1] - rigid["mass.velocity"][-1]))
-    assert errors[0] < 0.02
     assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.05)
 
 

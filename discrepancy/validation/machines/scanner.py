@@ -131,7 +131,7 @@ MACHINE = Machine(
             name="grease",
             strength="grease",
             size=2e-5,
-            accept=("hysteresis@*",),
+            accept=("hysteresis@*", "coulomb_friction@*"),  # that gives way is the same law
             shape={"reach": (5e-3, 2e-2)},
             what="friction of rolling elements, elastic over some milliradians (Dahl)",
         ),
