@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +13,12 @@ from estimation.fit.calibration import Calibration, Fit, UncertainParameter
 from estimation.fit.elsewhere import better_place, log_size
 from estimation.fit.fit_problem import FitProblem
 from estimation.fit.intervals import block_sandwich
-from estimation.fit.least_squares import Piece, solve
+from estimation.fit.least_squares import AT_LIMIT, Piece, solve
 from estimation.fit.weights import weights_of
 from estimation.response.experiment import Experiment, Response
 from estimation.response.sensors import SensorError
 from estimation.signals.correlation import correlation_time, cut_rows
+from multibody.base.parallel import parallel_map
 from multibody.base.quantity_text import count_text
 
 if TYPE_CHECKING:
@@ -33,6 +36,8 @@ EVALUATIONS, TRIAL_EVALUATIONS = 200, 20
 #: Rounds of weighting and fitting, those of a trial, and the logarithm of the change of an output's weight from which
 #: it takes another; chosen.
 ROUNDS, TRIAL_ROUNDS, WEIGHT_CHANGE = 3, 4, 0.2
+#: Relative change of the outputs' weights from one round to the next below which they have settled; chosen.
+SETTLED = 0.05
 #: How often a fit begins again where it sees smaller errors elsewhere, at most; chosen.
 BEGUN_AGAIN = 3
 
@@ -159,6 +164,8 @@ def _fitted(
     trial : bool
     progress : callable or None
     """
+    if not problem.parameters:
+        return _fitted_one_by_one(problem, theta, moving, floor, rounds, most)
     low, high = problem.bounds()
     final = not trial and rounds == 1  # while the weights still change, an exact minimum is of no use
     message = ""
@@ -199,12 +206,65 @@ def _fitted(
                 f"calibration round {k + 1}: {count_text(solution.evaluations, 'simulation')}, "
                 f"{solution.jacobians} with derivatives, cost {solution.cost:.4g}"
             )
-        converged = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
+        converged = bool(np.all(np.abs(weights / problem.scale - 1.0) < SETTLED))
         problem.scale = weights
         if final and converged:
             break
         final = converged or k + 2 >= rounds
     return theta, message
+
+
+def _fitted_one_by_one(
+    problem: FitProblem, theta: np.ndarray, moving: np.ndarray, floor: np.ndarray, rounds: int, most: int
+) -> tuple[np.ndarray, str]:
+    """Fit what is unknown of each record, where no parameter is fitted that the records share.
+
+    Together they would take common steps, and one record that no step improves, as where dry friction holds it from
+    its beginning, would keep all others where they are.
+    """
+    message = ""
+    for _ in range(rounds):
+        ends = parallel_map(
+            partial(_own_unknowns_fitted, problem, theta, moving, most), range(len(problem.experiments))
+        )
+        theta = np.concatenate([own for own, _ in ends])
+        message = next((m for _, m in ends if m == AT_LIMIT), ends[0][1])
+        weights = weights_of(problem, problem.respond_all(theta, True), floor, theta, moving)
+        settled = bool(np.all(np.abs(weights / problem.scale - 1.0) < SETTLED))
+        problem.scale = weights
+        if settled:
+            break
+    return theta, message
+
+
+def _own_unknowns_fitted(
+    problem: FitProblem, theta: np.ndarray, moving: np.ndarray, most: int, index: int
+) -> tuple[np.ndarray, str]:
+    """Return what is unknown of one record, fitted to that record alone, and how the fit has ended."""
+    first, end = problem.first[index], problem.first[index + 1]
+    mine = moving[(moving >= first) & (moving < end)] - first
+    here = theta[first:end].copy()
+    if not mine.size:
+        return here, "nothing to fit"
+    alone = replace(problem, experiments=[problem.experiments[index]], evaluations=0)
+    low, high = alone.bounds()
+
+    def full(part: np.ndarray) -> np.ndarray:
+        whole = here.copy()
+        whole[mine] = part
+        return whole
+
+    solution = solve(
+        lambda part: alone.residuals(full(part)),
+        lambda part: alone.pieces(full(part), mine),
+        here[mine],
+        low[mine],
+        high[mine],
+        tolerance=FINAL_TOLERANCE,
+        max_evaluations=most,
+    )
+    problem.evaluations += alone.evaluations
+    return full(solution.x), solution.message
 
 
 def _weighted_anew(pieces: Sequence[Piece], factor: np.ndarray) -> list[Piece]:

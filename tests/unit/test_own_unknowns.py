@@ -1,0 +1,62 @@
+"""What is unknown of each record held out is fitted to that record alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.files.record import Record, RecordedSignal
+from estimation.fit.calibrate import calibrate, evaluate
+from estimation.response.experiment import Experiment
+from multibody import Model
+from multibody.library import CoulombFriction, ForceSource, Mass
+
+TIME = np.arange(0.0, 0.5, 0.005)
+SPEEDS = (1.3, 2.4)
+
+
+@pytest.fixture(scope="module")
+def system():
+    """A mass on a dry guide that sticks at once: a start speed, positive or negative, hardly moves it from rest."""
+    model = Model("sledge")
+    mass, drive = model.add("mass", Mass(m=2.0)), model.add("drive", ForceSource())
+    guide = model.add("guide", CoulombFriction(coulomb=8.0, v_s=1e-9))
+    model.connect(mass.flange, drive.flange, guide.a)
+    model.connect(guide.b, model.ground)
+    model.input("drive.force", drive.force)
+    return model.build(outputs=["mass.position"])
+
+
+def experiment(system, name: str, speed: float, creep: float = 0.0) -> Experiment:
+    """The sledge let go at a speed, its place recorded; the speed is to be found, from one that is 10 % off."""
+    force = np.full(TIME.size, 3.0)
+    run = system.simulate(
+        (0.0, TIME[-1]),
+        inputs={"drive.force": (TIME, force)},
+        times=TIME,
+        initial={"mass.position": 5.0, "mass.velocity": speed},
+        rtol=1e-9,
+    )
+    place = run["mass.position"] + creep * TIME
+    signals = {
+        "drive.force": RecordedSignal(values=force, unit="N", column="f", measured_unit="N"),
+        "mass.position": RecordedSignal(values=place, unit="m", column="x", measured_unit="m"),
+    }
+    record = Record(name=name, path=Path(name), time=TIME, signals=signals)
+    return Experiment(
+        record=record,
+        inputs=("drive.force",),
+        outputs=("mass.position",),
+        free=("mass.position", "mass.velocity"),
+        start={"mass.velocity": 0.9 * speed},
+    )
+
+
+def test_a_record_that_no_step_improves_keeps_no_other_where_it_is(system):
+    """The linearised problem says that a start speed of many km/s makes up for a creep at rest."""
+    records = [experiment(system, "creeps", 0.0, creep=2e-3), *(experiment(system, f"at {v}", v) for v in SPEEDS)]
+    given = calibrate(system, records, (), noise={"mass.position": 1e-4}, hold=True)
+    fits = evaluate(system, records, given, noise={"mass.position": 1e-4}).fits
+    assert [f.own["mass.velocity"] for f in fits[1:]] == pytest.approx(SPEEDS, abs=1e-3)
