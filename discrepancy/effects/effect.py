@@ -69,6 +69,8 @@ class Effect:
         Counts effects of one kind at one place.
     over : str
         What a free curve is a function of.
+    proposed : mapping of str to float
+        Shape with which the effect was fitted first, which bounds every later one; empty before.
     """
 
     kind: str
@@ -80,6 +82,7 @@ class Effect:
     load: str = ""
     number: int = 1
     over: str = ""
+    proposed: Mapping[str, float] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def at_place(cls, kind: str, place: Place, **parts: Any) -> Effect:
@@ -186,6 +189,7 @@ class Effect:
             self,
             strengths={k: mine.get(k, v) for k, v in self.strengths.items()},
             shape={k: mine.get(k, v) for k, v in self.shape.items()},
+            proposed=self.proposed or self.shape,
         )
 
     def added_to(self, model: Model) -> Model:
@@ -236,7 +240,11 @@ class Effect:
         return SensorError(self.where, name, float(self.strengths.get(name, 0.0)))
 
     def uncertain(self, sizes: Mapping[str, float] | None = None) -> list[UncertainParameter]:
-        """Return what calibration may move once the effect is in: strengths, and the shapes that may be fitted."""
+        """Return what calibration may move once the effect is in: strengths, and the shapes that may be fitted.
+
+        A shape stays near that with which the effect was proposed, however often it is fitted: a speed below which dry
+        friction fades that shrinks tenfold in every fit ends where no simulation feels it.
+        """
         from estimation.fit.calibrate import UncertainParameter
 
         kind = self.definition
@@ -250,12 +258,12 @@ class Effect:
                 UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
             )
         for name in kind.free_shapes:
-            value = self.shape[name]
-            positive = name in POSITIVE
-            reach = (sizes or {}).get(name, abs(value) if value else 1.0)
-            low, high = (0.1 * value, 10.0 * value) if positive else (value - reach, value + reach)
+            near = self.proposed.get(name, self.shape[name])
+            reach = (sizes or {}).get(name, abs(near) if near else 1.0)
+            low, high = (0.1 * near, 10.0 * near) if name in POSITIVE else (near - reach, near + reach)
             if name == "order":
-                low, high = 0.9 * value, 1.1 * value
+                low, high = 0.9 * near, 1.1 * near
+            value = min(max(self.shape[name], low), high)
             parameters.append(
                 UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
             )
