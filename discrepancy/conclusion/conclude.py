@@ -125,11 +125,11 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         warnings += [state.untested] if state.untested else []
         verdict = verdict if accepted else ""
     judged_on = "validate" if stages[min(1, len(stages) - 1)].fits("validate") else "identify"
-    if curve is not None and not accepted:
+    if curve is not None and not accepted and not unconfirmed:
         sentences = [curve.statement + poor_fit_note(last, verdict)]
     else:
-        known = unconfirmed if not (failed or uneven or follows) else ""
-        sentences = [answer(stages, hidden, negligible, judged_on, verdict, known) + poor_fit_note(last, verdict)]
+        said = answer(stages, hidden, negligible, judged_on, verdict, unconfirmed)
+        sentences = [said + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
     sentences += _nearest_laws(state, by_evidence)
     sentences += [law.sentence] if law is not None and follows else []

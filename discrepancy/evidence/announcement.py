@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,7 +19,7 @@ from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.held_out_errors import SimulationGain, held_out_gain_of_errors, simulated_worse
 from discrepancy.stages.stage import Stage
-from multibody.base.errors import ModelError
+from multibody.base.errors import ModelError, SimulationError
 from multibody.base.memory import give_back
 
 __all__ = ["Announcement"]
@@ -138,41 +139,75 @@ class Announcement:
         """
         state = self._state
         while best.key and best.likelihood is not None and state.problem.validate:
-            self._move_to_likeliest(best)
-            models = self.trials.fitted_once(best, moves.drops(best))
-            shown = self._tried.as_reported(best)
-            worse = self._simulated_worse(shown)
-            if worse and self._is_certain(best, shown):
-                state.progress(f"{best.name}: the larger error of {' and '.join(worse)} may be chance")
-                worse = ()
-            weakest: tuple[float, TriedModel, str] | None = None
-            for model in models:
-                if model.likelihood is None:
-                    continue
-                gain = self._held_out_gain_of_errors(shown, self._shown_without(model))
-                dropped = " + ".join(sorted(set(best.key) - set(model.key)))
-                state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
-                helps = gain.helps(POLICY.relevance, 0.0) or moves.matters_to_prediction(best, model)
-                if not helps:
-                    score = held_out_gain(state.problem, best.likelihood, model.likelihood)
-                    state.progress(f"{dropped}: log predictive score of {score.blocks} blocks held out {score}")
-                    helps = score.exceeds(POLICY.predictive_errors)
-                harms = gain.harms(POLICY.harm, gain.in_normal_errors(POLICY.simulation_errors))
-                if helps and not worse and not harms:
-                    continue
-                if weakest is None or model.total > weakest[0]:
-                    weakest = model.total, model, dropped
-            if weakest is None:
+            fails = self._not_simulated(best.stage)
+            if not fails:
+                self._move_to_likeliest(best)
+            fewer = [*self.trials.fitted_once(best, moves.drops(best)), *self._far_simpler(best)]
+            fewer = [m for m in fewer if m.likelihood is not None]
+            refused, why = self._not_needed(best, fewer) if not fails else (fewer or [self._begun_with], fails)
+            if not refused:
                 return best
+            simpler = max(refused, key=lambda m: m.total)
+            gone = " + ".join(sorted(set(best.key) - set(simpler.key)))
             best.unconfirmed = True
-            why = "the records held out are not predicted better"
-            if worse:
-                why = f"{' and '.join(worse)} of the records held out would be simulated worse than after calibration"
-            best.refuse(f"{weakest[2]} is not announced: {why}", weakest[1])
+            best.refuse(f"{gone} is not announced: {why}", simpler)
             state.progress(best.outcome)
-            self.unconfirmed.append(weakest[2])
-            best = weakest[1]
+            self.unconfirmed += sorted(set(best.key) - set(simpler.key))
+            best = simpler
         return best
+
+    def _far_simpler(self, best: TriedModel) -> list[TriedModel]:
+        """Return the most probable model of those with two effects less, three less and so on.
+
+        Two effects that undo each other seem indispensable, each beside the other.
+        """
+        within = [m for m in self._tried.models.values() if m.key and set(m.key) < set(best.key) and m.in_full]
+        return [
+            max(alike, key=lambda m: m.total)
+            for size in range(1, len(best.key) - 1)
+            if (alike := [m for m in within if len(m.key) == size])
+        ]
+
+    def _not_simulated(self, stage: Stage) -> str:
+        """Return why the records held out cannot be simulated by a model; an empty text where they can."""
+        try:
+            with_validation(self._state.problem, stage)
+        except SimulationError as error:
+            return f"the records held out cannot be simulated with it: {error}"
+        return ""
+
+    def _not_needed(self, best: TriedModel, fewer: Sequence[TriedModel]) -> tuple[list[TriedModel], str]:
+        """Return the models with fewer effects that do for the records held out, and why the rest is not announced."""
+        state = self._state
+        shown = self._tried.as_reported(best)
+        worse = self._simulated_worse(shown)
+        if worse and self._is_certain(best, shown):
+            state.progress(f"{best.name}: the larger error of {' and '.join(worse)} may be chance")
+            worse = ()
+        refused: list[TriedModel] = []
+        for model in fewer:
+            dropped = " + ".join(sorted(set(best.key) - set(model.key)))
+            try:
+                without = self._validated(self._shown_without(model))
+            except SimulationError as error:
+                state.progress(f"without {dropped} the records held out cannot be simulated: {error}")
+                continue
+            gain = held_out_gain_of_errors(shown, without)
+            state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
+            helps = gain.helps(POLICY.relevance, 0.0)
+            if not helps:
+                assert best.likelihood is not None
+                assert model.likelihood is not None
+                score = held_out_gain(state.problem, best.likelihood, model.likelihood)
+                state.progress(f"{dropped}: log predictive score of {score.blocks} blocks held out {score}")
+                helps = score.exceeds(POLICY.predictive_errors)
+            harms = gain.harms(POLICY.harm, gain.in_normal_errors(POLICY.simulation_errors))
+            if not helps or worse or harms or simulated_worse(shown, without, POLICY.growth_by_chance):
+                refused.append(model)
+        why = "the records held out are not predicted better"
+        if worse:
+            why = f"{' and '.join(worse)} of the records held out would be simulated worse than after calibration"
+        return refused, why
 
     def _shown_without(self, model: TriedModel) -> Stage:
         """Return what an effect is compared with: the calibrated model as reported, any other as it was tried."""
@@ -189,22 +224,25 @@ class Announcement:
     def _is_certain(self, model: TriedModel, shown: Stage) -> bool:
         """Tell whether the records held out ask for a model although the error of an output is larger with it.
 
-        Its rise must be one that so few records show by chance.
+        Its rise must be one that so few records show by chance, and not large.
         """
         start = self._begun_with
         assert model.likelihood is not None
-        if start.likelihood is None:
+        calibrated = self._tried.as_reported(start)
+        if start.likelihood is None or simulated_worse(shown, calibrated, POLICY.growth_by_chance):
             return False
-        gain = self._held_out_gain_of_errors(shown, self._tried.as_reported(start))
+        gain = self._held_out_gain_of_errors(shown, calibrated)
         if gain.harms(POLICY.harm, POLICY.simulation_errors):
             return False
         score = held_out_gain(self._state.problem, model.likelihood, start.likelihood)
         return score.exceeds(POLICY.certain_errors)
 
     def _held_out_gain_of_errors(self, one: Stage, other: Stage) -> SimulationGain:
-        if other.validate is None:
-            other = with_validation(self._state.problem, other)
-        return held_out_gain_of_errors(one, other)
+        """Return by how much a stage, which has been validated, simulates the records held out better than another."""
+        return held_out_gain_of_errors(one, self._validated(other))
+
+    def _validated(self, stage: Stage) -> Stage:
+        return stage if stage.validate is not None else with_validation(self._state.problem, stage)
 
     def _move_to_likeliest(self, model: TriedModel) -> None:
         """Move a model to the parameters of largest likelihood, unless it is clearly less probable there.
@@ -219,8 +257,8 @@ class Announcement:
         if likelihood is None or model.at_likeliest:
             return
         try:
-            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values())
-            there = likelihood.neighbour(stage)
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
+            there = likelihood.neighbour(with_validation(self._state.problem, stage))
             evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
             self._state.progress(f"{model.name} stays at the parameters of least squares: {error}")
@@ -240,10 +278,15 @@ class Announcement:
         """Return the most probable of a model and those with one effect less or none, each with an unknown law.
 
         A force without a name is a rival of every name.  Where it explains the records clearly better than an effect
-        does, and the effect adds nothing to it, the name is wrong, or is one of many that would do.
+        does, and the effect adds nothing to it, the name is wrong, or is one of many that would do.  A free curve has
+        no name that could be wrong, and the model that has it predicts.
         """
-        fewer = [self._tried.models[key] for p in moves.drops(best) if (key := key_of(p.effects)) in self._tried.models]
-        rivals = list({m.key: m for m in (best, *fewer, *([self._tried.start] if self._tried.start else []))}.values())
+        curves = {e for effect in best.stage.effects if effect.definition.free_form for e in key_of([effect])}
+        models = self._tried.models
+        fewer = [models[key] for p in moves.drops(best) if (key := key_of(p.effects)) in models]
+        if self._tried.start is not None:
+            fewer.append(self._tried.start)
+        rivals = list({m.key: m for m in (best, *fewer) if curves <= set(m.key)}.values())
         for model in rivals:
             self._ask_for_unknown_law(model)
         likeliest = max(rivals[1:], key=lambda m: m.log_weight_with_law_in_place(best), default=best)

@@ -35,7 +35,6 @@ __all__ = [
     "drops",
     "exchanges",
     "key_of",
-    "matters_to_prediction",
     "names_of_curves",
     "pairs",
     "pairs_in_place_of_random",
@@ -384,7 +383,7 @@ def curve(likelihood: StageLikelihood, *, level: float, seed: int) -> list[tuple
     return [(Proposal(move="add a curve", effects=(*effects, e)), float(p)) for e, p in best]
 
 
-def matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
+def _matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
     """Tell whether predictions from sample to sample are better than a parent's by a relevant share.
 
     A mean square error that falls by a small share s in all of N samples gains N s / 2 nats.
@@ -411,7 +410,7 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     errors = gain.in_normal_errors(POLICY.simulation_errors)
     if gain.harms(POLICY.harm, errors):
         return f"some output of records left out is simulated worse (square error gone: {gain})"
-    if matters_to_prediction(model, parent):
+    if _matters_to_prediction(model, parent):
         return ""
     had = {str(e) for e in parent.stage.effects}
     shown = changed_share(model.stage, parent.stage) >= POLICY.relevance

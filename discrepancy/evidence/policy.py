@@ -58,6 +58,10 @@ class Policy:
         Standard errors, over the records, that such a share must exceed.
     growth : float
         Share by which it may grow on all records held out together, by chance or not, unless the model is certain.
+    growth_by_chance : float
+        Share by which it may grow, over calibration or a simpler model, where the model is certain and the growth may
+        be chance: a tenth of the error itself.  Nobody believes an effect with which a simulation is visibly worse,
+        whatever the evidence; chosen.
     certain_errors : float
         Standard errors by which the log predictive score of the records held out must rise for that: what is asked of a
         discovery in physics.
@@ -97,6 +101,7 @@ class Policy:
     harm: float = HARMFUL_SHARE
     simulation_errors: float = SIMULATION_ERRORS
     growth: float = SHOWN_GROWTH
+    growth_by_chance: float = 0.2
     certain_errors: float = 5.0
     naming_errors: float = 1.645
     predictive_errors: float = 1.0

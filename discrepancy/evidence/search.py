@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from discrepancy.evidence import moves
@@ -158,7 +158,8 @@ class EvidenceSearch:
         room = problem.max_effects - len(stage.effects)
         p_values = {r.name: r.p_value for r in proposals.scan.rows}
         # first what gives a name to what has none: at the time limit the last are left out
-        offers = [(p, 1.0) for p in moves.names_of_curves(model, self._entries(stage), room)]
+        names = moves.names_of_curves(model, self._entries(stage), room)
+        offers = [(replace(p, effects=self.tried.with_fitted_shapes(p.effects, model)), 1.0) for p in names]
         if room > 0:
             # friction that gives way moves as in the linearised problem, and no random force makes up for it
             told = bool(self.tried.elastic) and self.tried.settled

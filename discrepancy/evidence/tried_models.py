@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -146,6 +146,17 @@ class TriedModels:
         """Return the best model that has only some of these effects; None where none was tried."""
         within = [m for m in self.models.values() if m.likelihood is not None and set(m.key) < set(key)]
         return max(within, key=lambda m: m.total, default=None)
+
+    def with_fitted_shapes(self, effects: Sequence[Effect], model: TriedModel) -> tuple[Effect, ...]:
+        """Return effects, those that a model lacks with their shapes in the best model that was fitted with each.
+
+        How dry friction fades is hardly seen in a force over the speed, and decides how the machine reverses.
+        """
+        fitted = [m for m in self.models.values() if m.likelihood is not None and m.in_full]
+        best = {_law_of(e): e for m in sorted(fitted, key=lambda m: m.total) for e in m.stage.effects}
+        own = {_law_of(e) for e in model.stage.effects}
+        known = [e if _law_of(e) in own else best.get(_law_of(e), e) for e in effects]
+        return tuple(replace(e, shape=k.shape, proposed=k.proposed) for e, k in zip(effects, known, strict=True))
 
     def keep_only(self, *models: TriedModel) -> None:
         """Forget all other models."""
@@ -391,6 +402,11 @@ class TriedModels:
             f"{model.name}: log evidence {model.total - before:+.1f} with the random forces found beside {source.name}"
         )
         return True
+
+
+def _law_of(effect: Effect) -> tuple[str, ...]:
+    """Return what distinguishes an effect's law: its name and its strengths, because a kind may have two laws."""
+    return (str(effect), *effect.strengths)
 
 
 def _not_foreseen(seen: Sequence[tuple[StageLikelihood, Evidence]]) -> list[float]:
