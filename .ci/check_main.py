@@ -1,6 +1,6 @@
-"""Fail unless the diagnosis of the README names the effect that was hidden, and nothing beside it.
+"""Fail unless a diagnosis names what was hidden on a virtual machine, at its place, and nothing beside it.
 
-``python .ci/check_main.py out/diagnosis stribeck_friction``
+``python .ci/check_main.py out/axis out/diagnosis``
 """
 
 from __future__ import annotations
@@ -11,15 +11,19 @@ from pathlib import Path
 
 
 def main() -> int:
-    """Compare the effects of ``diagnosis.json`` with the kind that was hidden; return 1 where they differ."""
-    folder, hidden = Path(sys.argv[1]), sys.argv[2]
-    diagnosis = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    named = [effect["kind"] for effect in diagnosis["effects"]]
-    print(diagnosis["sentence"])
-    if named == [hidden]:
+    """Compare the effects of ``diagnosis.json`` with those of ``truth.json``; return 1 where they differ."""
+    machine, folder = map(Path, sys.argv[1:])
+    hidden, named = effects(machine / "truth.json"), effects(folder / "diagnosis.json")
+    if named == hidden:
         return 0
-    print(f"{folder}: one effect is hidden, {hidden}, but the diagnosis names {', '.join(named) or 'none'}")
+    print(f"{folder}: hidden is {', '.join(hidden) or 'nothing'}, and named {', '.join(named) or 'nothing'}")
     return 1
+
+
+def effects(file: Path) -> list[str]:
+    """Return the effects that a file lists, as kind@where, sorted."""
+    listed = json.loads(file.read_text(encoding="utf-8"))["effects"]
+    return sorted(f"{effect['kind']}@{effect['where']}" for effect in listed)
 
 
 if __name__ == "__main__":

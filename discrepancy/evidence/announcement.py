@@ -171,7 +171,7 @@ class Announcement:
     def _not_simulated(self, stage: Stage) -> str:
         """Return why the records held out cannot be simulated by a model; an empty text where they can."""
         try:
-            with_validation(self._state.problem, stage)
+            self._validated(stage)
         except SimulationError as error:
             return f"the records held out cannot be simulated with it: {error}"
         return ""

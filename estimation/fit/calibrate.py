@@ -171,13 +171,7 @@ def _fitted(
     message = ""
     pieces: list[Piece] = []
     for k in range(rounds):
-        here = theta.copy()
-
-        def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
-            whole = here.copy()
-            whole[moving] = part
-            return whole
-
+        full = partial(_with_moved, theta, moving)
         solution = solve(
             lambda part, full=full: problem.residuals(full(part)),  # type: ignore[misc]
             lambda part, full=full: problem.pieces(full(part), moving),  # type: ignore[misc]
@@ -243,17 +237,13 @@ def _own_unknowns_fitted(
     """Return what is unknown of one record, fitted to that record alone, and how the fit has ended."""
     first, end = problem.first[index], problem.first[index + 1]
     mine = moving[(moving >= first) & (moving < end)] - first
-    here = theta[first:end].copy()
+    here = theta[first:end]
     if not mine.size:
         return here, "nothing to fit"
     alone = replace(problem, experiments=[problem.experiments[index]], evaluations=0)
     low, high = alone.bounds()
 
-    def full(part: np.ndarray) -> np.ndarray:
-        whole = here.copy()
-        whole[mine] = part
-        return whole
-
+    full = partial(_with_moved, here, mine)
     solution = solve(
         lambda part: alone.residuals(full(part)),
         lambda part: alone.pieces(full(part), mine),
@@ -265,6 +255,13 @@ def _own_unknowns_fitted(
     )
     problem.evaluations += alone.evaluations
     return full(solution.x), solution.message
+
+
+def _with_moved(whole: np.ndarray, moving: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Return all unknowns, with other values of those that are fitted."""
+    moved = whole.copy()
+    moved[moving] = part
+    return moved
 
 
 def _weighted_anew(pieces: Sequence[Piece], factor: np.ndarray) -> list[Piece]:
