@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -240,7 +239,7 @@ def _own_unknowns_fitted(
     here = theta[first:end]
     if not mine.size:
         return here, "nothing to fit"
-    alone = replace(problem, experiments=[problem.experiments[index]], evaluations=0)
+    alone = problem.of_record(index)
     low, high = alone.bounds()
 
     full = partial(_with_moved, here, mine)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,6 +38,13 @@ class FitProblem:
         self._responses: dict[bool, tuple[np.ndarray, list[Response]]] = {}
         sizes = [len(e.own_unknowns) for e in self.experiments]
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+
+    def of_record(self, index: int) -> FitProblem:
+        """Return the problem of one record, which knows its response where this one has just been asked for it."""
+        alone = replace(self, experiments=[self.experiments[index]], evaluations=0)
+        mine = [*range(self.k), *range(self.first[index], self.first[index + 1])]
+        alone._responses = {kind: (at[mine], [every[index]]) for kind, (at, every) in self._responses.items()}
+        return alone
 
     def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
         """Return the start values: those given, else the priors' means and the first samples of the sensors."""

@@ -9,6 +9,7 @@ import pytest
 
 from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import calibrate, evaluate
+from estimation.fit.fit_problem import FitProblem
 from estimation.response.experiment import Experiment
 from multibody import Model
 from multibody.library import CoulombFriction, ForceSource, Mass
@@ -60,3 +61,17 @@ def test_a_record_that_no_step_improves_keeps_no_other_where_it_is(system):
     given = calibrate(system, records, (), noise={"mass.position": 1e-4}, hold=True)
     fits = evaluate(system, records, given, noise={"mass.position": 1e-4}).fits
     assert [f.own["mass.velocity"] for f in fits[1:]] == pytest.approx(SPEEDS, abs=1e-3)
+
+
+def test_a_response_that_is_known_is_not_simulated_again_for_its_record_alone(system):
+    records = [experiment(system, f"at {v}", v) for v in SPEEDS]
+    whole = FitProblem(system=system, experiments=records, parameters=[], sensors=(), base=system.p)
+    theta = whole.start(None, None)
+    known = whole.respond_all(theta, True)
+    for i, response in enumerate(known):
+        alone = whole.of_record(i)
+        here = theta[whole.first[i] : whole.first[i + 1]]
+        assert alone.respond_all(here, True) == [response]
+        assert alone.evaluations == 0
+        alone.respond_all(1.01 * here, True)
+        assert alone.evaluations == 1
