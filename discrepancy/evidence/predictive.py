@@ -160,9 +160,9 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
     rows = []
     for mask, whole, slopes, own in zip(used, residual.blocks, sens.blocks, sens.nuisance, strict=True):
         block, slopes, own = whole[mask], slopes[mask][:, :, moved], own[mask] if own is not None else None
-        e, f = (block / weights).ravel(), (slopes / weights[:, None]).reshape(block.size, slopes.shape[2])
+        e, f = (block / weights).ravel(), (slopes / weights[:, None]).reshape(block.size, -1)
         if own is not None and own.shape[2]:
-            q, _ = np.linalg.qr((own / weights[:, None]).reshape(block.size, own.shape[2]))
+            q, _ = np.linalg.qr((own / weights[:, None]).reshape(block.size, -1))
             e, f = e - q @ (q.T @ e), f - q @ (q.T @ f)
         rows.append((np.sqrt(count) * e, np.sqrt(count) * f))
     parts = max(1, -(-LEAST_BLOCKS // len(rows)))
