@@ -257,7 +257,8 @@ class Announcement:
         if likelihood is None or model.at_likeliest:
             return
         try:
-            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
+            values = likelihood.likeliest_values()
+            stage = self._state.moved_to(likelihood.stage, values, likelihood.likeliest_own(values), trial=True)
             there = likelihood.neighbour(with_validation(self._state.problem, stage))
             evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:

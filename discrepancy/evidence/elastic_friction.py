@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.evidence.criterion import Evidence
-from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.likelihood import StageLikelihood, record_columns
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
 from discrepancy.evidence.tried_models import TriedModels
+from discrepancy.innovations.noise_fit import restricted_log_likelihoods
 from discrepancy.problem.problem import Problem
 from discrepancy.stages.fit_stage import FittedValues
 from estimation.fit.calibration import UncertainParameter
@@ -202,18 +203,9 @@ def _found(tried: TriedModels, model: TriedModel, part: str, displacements: Sequ
     """Return a model with the friction of a part elastic, and damped if the evidence is for that as well."""
     assert model.likelihood is not None
     interval = _interval(model.likelihood)
-    starts: list[_Elastic] = []
-    undamped = _best_start(tried, model, part, displacements, ())
-    for share in RELAXATIONS:
-        # damped bristles are stiffer when it reverses fast, so they give way no less; how much hardly hangs on the time
-        if starts:
-            displacements = [starts[-1].begun[f"{part}.x_s"]]
-        elif undamped is not None:
-            displacements = [x for x in displacements if x >= undamped.begun[f"{part}.x_s"]]
-        start = _best_start(tried, model, part, displacements, (share * interval,))
-        starts += [start] if start is not None else []
-    dahl = _likeliest(tried, undamped)
-    lugre = _likeliest(tried, max(starts, key=lambda s: s.total, default=None))
+    damped = [(x, share * interval) for share in RELAXATIONS for x in displacements]
+    dahl = _likeliest(tried, _best_start(tried, model, part, [(x,) for x in displacements]))
+    lugre = _likeliest(tried, _best_start(tried, model, part, damped))
     best = lugre if lugre is not None and (dahl is None or lugre.total > dahl.total + POLICY.reach) else dahl
     if best is None:
         return None
@@ -222,28 +214,39 @@ def _found(tried: TriedModels, model: TriedModel, part: str, displacements: Sequ
     return replace(best, fit=way.end, wander=way.wander)
 
 
-def _best_start(
-    tried: TriedModels, model: TriedModel, part: str, displacements: Sequence[float], relaxation: tuple[float, ...]
-) -> _Elastic | None:
-    """Return the model that begins with the best of some displacements, and with a relaxation time or none.
+def _best_start(tried: TriedModels, model: TriedModel, part: str, laws: Sequence[tuple[float, ...]]) -> _Elastic | None:
+    """Return the model with the likeliest of some laws, each given by its displacement and relaxation time, if any.
 
-    Larger displacements are tried while the evidence rises.
+    They are compared under the noise and the derivatives of the model as it is, for which a simulation suffices.
     """
-    state = tried.state
+    state, likelihood = tried.state, model.likelihood
+    assert likelihood is not None
     given, problem = state.given, state.problem
-    best: _Elastic | None = None
-    for displacement in displacements:
-        values = dict(zip((f"{part}.x_s", f"{part}.t_s"), (displacement, *relaxation), strict=False))
-        there = _with_law(given, part, values), _with_law(problem, part, values)
+    columns, *prior = record_columns(likelihood.linearised, likelihood.noise.records, likelihood.held)
+    filtered = [c.filtered(likelihood.noise.model) for c in columns]
+    best: tuple[float, StageLikelihood, dict[str, float], tuple[Problem, Problem]] | None = None
+    for law in laws:
+        values = dict(zip((f"{part}.x_s", f"{part}.t_s"), law, strict=False))
+        machine = _with_law(given, part, values), _with_law(problem, part, values)
         try:
-            with _machine(state, *there):
-                fit = _there(tried, model, values)
-        except (RuntimeError, ModelError, np.linalg.LinAlgError):
+            with _machine(state, *machine):
+                there = _there(tried, model, values)
+            residuals = there.linearised.residual().blocks
+        except (RuntimeError, ModelError):
             continue
-        if best is not None and fit[1].total <= best.total:
-            break
-        best = _Elastic(fit=fit, begun=values, given=there[0], problem=there[1])
-    return best
+        records = [f.with_residual(residual) for f, residual in zip(filtered, residuals, strict=True)]
+        reached = restricted_log_likelihoods(records, [(prior[0], prior[1])])[0]
+        if best is None or reached > best[0]:
+            best = reached, there, values, machine
+    if best is None:
+        return None
+    _, there, values, machine = best
+    try:
+        with _machine(state, *machine):
+            evidence = tried.evidence_of(there)
+    except (RuntimeError, ModelError, np.linalg.LinAlgError):
+        return None
+    return _Elastic(fit=(there, evidence), begun=values, given=machine[0], problem=machine[1])
 
 
 def _likeliest(tried: TriedModels, start: _Elastic | None) -> _Elastic | None:
@@ -278,14 +281,14 @@ def _with_law(problem: Problem, part: str, values: dict[str, float]) -> Problem:
     return replace(problem, model=model, uncertain=(*others, *more))
 
 
-def _there(tried: TriedModels, model: TriedModel, more: dict[str, float]) -> tuple[StageLikelihood, Evidence]:
+def _there(tried: TriedModels, model: TriedModel, more: dict[str, float]) -> StageLikelihood:
     """Return a model with the friction of the state's machine, at its parameters and some more."""
     assert model.likelihood is not None
     stage = model.stage
-    values = FittedValues(stage.identify.to_dict() | more, stage.identify.own_values, stage.identify.scale)
+    fit = stage.identify
+    values = FittedValues(fit.to_dict() | more, fit.own_values, fit.scale, fit.not_excited)
     other = tried.state.fitted(stage.name, stage.effects, None, dict(stage.noise), values=values, trial=True)
-    likelihood = model.likelihood.neighbour(other)
-    return likelihood, tried.evidence_of(likelihood)
+    return model.likelihood.neighbour(other)
 
 
 def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
@@ -293,7 +296,10 @@ def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
     state, start = tried.state, tried.start
     assert start is not None
     state.given, state.problem = found.given, found.problem
-    first = tried.way_to_likeliest(*_there(tried, start, found.values)).end if model is not start else found.fit
+    first = found.fit
+    if model is not start:
+        there = _there(tried, start, found.values)
+        first = tried.way_to_likeliest(there, tried.evidence_of(there)).end
     likelihood = found.fit[0].with_richer_noise()
     model.likelihood, model.evidence = tried.way_to_likeliest(likelihood, tried.evidence_of(likelihood)).end
     model.at_likeliest = True
@@ -304,9 +310,7 @@ def _keep(tried: TriedModels, model: TriedModel, found: _Elastic) -> None:
     # it stands at its likeliest parameters, so the others are moved to theirs as well
     tried.wander, tried.moved = found.wander, True
     stage = start.stage
-    state.stages[-1] = state.restored(
-        stage.name, (), stage.identify.to_dict(), stage.identify.own_values, stage.identify.scale, stage.noise
-    )
+    state.stages[-1] = state.moved_to(stage, stage.identify.to_dict())
 
 
 def _of_part(part: str) -> str:

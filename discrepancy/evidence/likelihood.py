@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -219,6 +219,27 @@ class StageLikelihood:
         for name, step in zip(moved, change, strict=True):
             values[name] = float(np.clip(values[name] + step, *bounds[name]))
         return values
+
+    def likeliest_own(self, values: Mapping[str, float], *, shapes: bool = False) -> list[np.ndarray]:
+        """Return what is unknown of each record at its largest likelihood beside other values of the parameters, SI.
+
+        It follows from the linearised problem, as those do: least squares would take what a random force does for an
+        error of the initial state, and many simulations.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            As `likeliest_values` returns them.
+        shapes : bool
+            Whether the shapes of laws have moved as well.
+        """
+        held = self.held_if_shapes_move if shapes else self.held
+        columns, _, _ = record_columns(self.linearised, self.noise.records, held)
+        identify, names = self.stage.identify, self.linearised.sensitivities().names
+        before = identify.to_dict()
+        change = np.array([values[n] - before[n] for n in names if n not in held])
+        model = self.noise.model
+        return [own + c.own_change(model, change) for own, c in zip(identify.own_values, columns, strict=True)]
 
     def promise_of_shapes(self) -> float:
         """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""

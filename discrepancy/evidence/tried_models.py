@@ -304,7 +304,8 @@ class TriedModels:
         """Move a model to its likeliest parameters, some times, and linearise it there each time."""
         for _ in range(POLICY.likeliest_steps):
             try:
-                stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
+                values = likelihood.likeliest_values()
+                stage = self.state.moved_to(likelihood.stage, values, likelihood.likeliest_own(values), trial=True)
                 likelihood = likelihood.neighbour(stage)
                 evidence = self.evidence_of(likelihood)
             except (RuntimeError, ModelError, np.linalg.LinAlgError):

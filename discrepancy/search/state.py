@@ -241,9 +241,10 @@ class SearchState:
         *,
         moved: bool = True,
         trial: bool = False,
+        not_excited: tuple[str, ...] | None = None,
     ) -> Stage:
         """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted."""
-        given = FittedValues(values, own, scale)
+        given = FittedValues(values, own, scale, not_excited)
         return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=given, trial=trial)
 
     def unfitted(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
@@ -254,23 +255,41 @@ class SearchState:
         given = FittedValues(values, start.identify.own_values, start.identify.scale)
         return self.fitted(name, effects, None, dict(start.noise), values=given, trial=True)
 
-    def moved_to(self, stage: Stage, values: Mapping[str, float], *, trial: bool = False) -> Stage:
-        """Return a fitted stage at other values of its parameters; only each record's own unknowns are fitted there.
+    def moved_to(
+        self,
+        stage: Stage,
+        values: Mapping[str, float],
+        own: Sequence[np.ndarray] | None = None,
+        *,
+        trial: bool = False,
+    ) -> Stage:
+        """Return a fitted stage at other values of its parameters.
 
         Parameters
         ----------
         stage : Stage
         values : mapping of str to float
             Of every parameter that was calibrated, SI.
+        own : sequence of ndarray, optional
+            Each record's own unknowns there; default: they are fitted by least squares.
         trial : bool
-            Without the records held out.
+            Without the records held out, and without intervals.
         """
-        base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
-        there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
-        records = [f.experiment for f in stage.identify.fits]
-        at = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base)
-        effects = tuple(e.with_values(values) for e in stage.effects)
-        return self.restored(stage.name, effects, values, at.own_values, stage.identify.scale, stage.noise, trial=trial)
+        if own is None:
+            base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
+            there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
+            records = [f.experiment for f in stage.identify.fits]
+            own = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base).own_values
+        return self.restored(
+            stage.name,
+            tuple(e.with_values(values) for e in stage.effects),
+            values,
+            own,
+            stage.identify.scale,
+            stage.noise,
+            trial=trial,
+            not_excited=stage.identify.not_excited,
+        )
 
     def with_effect(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
         """Return the latest stage with an effect added, or replacing others, and everything fitted again."""

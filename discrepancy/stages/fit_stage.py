@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.residual.windows import crop, samples_needed
 from discrepancy.stages.fitted_machine import machine_with_effects
 from discrepancy.stages.stage import Stage
-from estimation.fit.calibrate import calibrate, evaluate
+from estimation.fit.calibrate import calibrate, evaluate, simulated_at
 from multibody.base.errors import SimulationError
 
 if TYPE_CHECKING:
@@ -41,11 +41,14 @@ class FittedValues:
         Each record's own unknowns.
     scale : mapping of str to float
         Scales of the outputs.
+    not_excited : tuple of str, optional
+        Parameters that no output depends on; default: it is not known.
     """
 
     parameters: Mapping[str, float]
     own: Sequence[np.ndarray]
     scale: Mapping[str, float]
+    not_excited: tuple[str, ...] | None = None
 
 
 def fitted_stage(
@@ -128,14 +131,28 @@ def fitted_stage(
             first = fit(part, held, start=[begin.get(p.name, p.value) for p in held], own=own, rounds=1)
             if not first.at_bound:
                 begin, own = {**begin, **first.to_dict()}, first.own_values
-    calibration = fit(
-        problem.identify,
-        parameters,
-        start=[begin.get(p.name, p.value) for p in parameters],
-        own=own,
-        hold=values is not None,
-        progress=None if trial else progress,
-    )
+    start_values = [begin.get(p.name, p.value) for p in parameters]
+    if trial and values is not None and values.not_excited is not None:
+        calibration = simulated_at(
+            slim,
+            problem.identify,
+            parameters,
+            values=start_values,
+            own=values.own,
+            scale=values.scale,
+            not_excited=values.not_excited,
+            sensors=sensors,
+            base=base,
+        )
+    else:
+        calibration = fit(
+            problem.identify,
+            parameters,
+            start=start_values,
+            own=own,
+            hold=values is not None,
+            progress=None if trial else progress,
+        )
     p = base.copy()
     for key, value in calibration.to_dict().items():
         if not key.startswith("sensor."):

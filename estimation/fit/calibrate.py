@@ -23,7 +23,7 @@ from multibody.base.quantity_text import count_text
 if TYPE_CHECKING:
     from multibody.machine.model import System
 
-__all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
+__all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate", "simulated_at"]
 
 #: Relative decrease of the weighted cost that a further step must predict, in the final round and in the others.  The
 #: cost is of the order of the effective number of samples, so that the remaining decrease moves no parameter by more
@@ -429,3 +429,41 @@ def evaluate(
         else:
             base[system.index("parameter", name)] = value
     return calibrate(system, experiments, (), noise=noise, sensors=tuple(held.values()), base=base, rounds=2)
+
+
+def simulated_at(
+    system: System,
+    experiments: Sequence[Experiment],
+    parameters: Sequence[UncertainParameter],
+    *,
+    values: Sequence[float],
+    own: Sequence[np.ndarray],
+    scale: Mapping[str, float],
+    not_excited: Sequence[str],
+    sensors: Sequence[SensorError] = (),
+    base: np.ndarray | None = None,
+) -> Calibration:
+    """Simulate the records at values that were found elsewhere, without intervals: nothing is differentiated.
+
+    Parameters
+    ----------
+    system, experiments, parameters, sensors, base
+        As of `calibrate`.
+    values : sequence of float
+        Of the parameters.
+    own : sequence of ndarray
+        Each record's own unknowns.
+    scale : mapping of str to float
+        Of the outputs, as in `Calibration.scale`.
+    not_excited : sequence of str
+        Parameters that no output depends on, as is known from an earlier fit.
+    """
+    base = system.p if base is None else base
+    problem = FitProblem(
+        system=system, experiments=experiments, parameters=list(parameters), sensors=sensors, base=base
+    )
+    low, high = problem.bounds()
+    theta = np.clip(problem.start(values, own), low, high)
+    problem.scale = np.array([scale[n] for n in experiments[0].outputs])
+    nothing = np.empty(0, dtype=int)
+    return _result(problem, theta, nothing, low, high, tuple(not_excited), "nothing to fit", trial=True)
