@@ -258,7 +258,7 @@ class Announcement:
             return
         try:
             values = likelihood.likeliest_values()
-            stage = self._state.moved_to(likelihood.stage, values, likelihood.likeliest_own(values), trial=True)
+            stage = self._state.moved_to(likelihood.stage, values, likelihood.own_beside(values), trial=True)
             there = likelihood.neighbour(with_validation(self._state.problem, stage))
             evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:

@@ -337,7 +337,7 @@ class Trials:
         expected = self._state.unfitted(name, proposal.effects, begin)
         there = simpler.likelihood.neighbour(expected, proposal.noise)
         values = there.likeliest_values()
-        stage = self._state.moved_to(expected, values, there.likeliest_own(values), trial=True)
+        stage = self._state.moved_to(expected, values, there.own_beside(values), trial=True)
         if not all(any(e.strengths.values()) for e in stage.effects):
             raise RuntimeError("a strength is zero: it would act the other way")
         return self._with_noise(stage, proposal, simpler)
@@ -360,8 +360,7 @@ class Trials:
             return likelihood, evidence
         try:
             values = likelihood.likeliest_values(shapes=True)
-            own = likelihood.likeliest_own(values, shapes=True)
-            stage = self._state.moved_to(likelihood.stage, values, own, trial=True)
+            stage = self._state.moved_to(likelihood.stage, values, likelihood.own_beside(values), trial=True)
             there = likelihood.neighbour(stage)
             moved = self.tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):

@@ -305,7 +305,7 @@ class TriedModels:
         for _ in range(POLICY.likeliest_steps):
             try:
                 values = likelihood.likeliest_values()
-                stage = self.state.moved_to(likelihood.stage, values, likelihood.likeliest_own(values), trial=True)
+                stage = self.state.moved_to(likelihood.stage, values, likelihood.own_beside(values), trial=True)
                 likelihood = likelihood.neighbour(stage)
                 evidence = self.evidence_of(likelihood)
             except (RuntimeError, ModelError, np.linalg.LinAlgError):

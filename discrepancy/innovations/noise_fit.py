@@ -100,15 +100,11 @@ class RecordColumns:
     spread: np.ndarray
 
     @cached_property
-    def _per_unit(self) -> np.ndarray:
-        """By how many spreads a unit of every own unknown moves the outputs, in the mean over the record, (q,)."""
-        moved = np.mean(np.sum((self.own / self.spread[:, None]) ** 2, axis=1), axis=0)
-        return np.maximum(np.sqrt(moved), 1e-300)
-
-    @cached_property
     def _together(self) -> np.ndarray:
         """Residual, shared columns and own unknowns in units of their priors side by side, (n, n_c, 1 + k + q)."""
-        return np.concatenate([self.residual[:, :, None], self.shared, self.own / self._per_unit], axis=2)
+        moved = np.mean(np.sum((self.own / self.spread[:, None]) ** 2, axis=1), axis=0)
+        own = self.own / np.maximum(np.sqrt(moved), 1e-300)
+        return np.concatenate([self.residual[:, :, None], self.shared, own], axis=2)
 
     def whitened(self, model: NoiseModel) -> WhitenedRecord:
         """Return residual and shared columns as innovations, free of the own unknowns."""
@@ -125,26 +121,14 @@ class RecordColumns:
         weighting = innovation_weighting(self.record, model)
         flat = weighting(self._together).reshape(-1, self._together.shape[2])
         k = self.shared.shape[2]
-        basis, singular, turned = np.linalg.svd(flat[:, 1 + k :], full_matrices=False)
+        basis, singular, _ = np.linalg.svd(flat[:, 1 + k :], full_matrices=False)
         return FilteredRecord(
             columns=self,
             weighting=weighting,
             white=np.ascontiguousarray(flat[:, : 1 + k]),
             basis=basis,
             information=singular**2,
-            turned=turned,
         )
-
-    def own_change(self, model: NoiseModel, change: np.ndarray) -> np.ndarray:
-        """Return by how much the own unknowns differ from the linearisation's at the largest likelihood, (q,).
-
-        Parameters
-        ----------
-        model : NoiseModel
-        change : ndarray, shape (k,)
-            By which the shared parameters differ.
-        """
-        return self.filtered(model).own_change(change) / self._per_unit
 
     def every(self, count: int) -> RecordColumns:
         """Return the same on every so-manieth sample."""
@@ -186,8 +170,6 @@ class FilteredRecord:
         Orthonormal, of the own unknowns.
     information : ndarray, shape (q,)
         Of each of these directions, in units of its prior's.
-    turned : ndarray, shape (q, q)
-        What each of them is a direction of, in units of the priors.
     """
 
     columns: RecordColumns
@@ -195,7 +177,6 @@ class FilteredRecord:
     white: np.ndarray
     basis: np.ndarray
     information: np.ndarray
-    turned: np.ndarray
 
     def with_columns(self, more: np.ndarray) -> FilteredRecord:
         """Return the same with further shared columns, shape (n, n_c, m) before whitening."""
@@ -219,14 +200,6 @@ class FilteredRecord:
         left = (1.0 + self.information) ** -power
         free: np.ndarray = self.white - self.basis @ ((1.0 - left)[:, None] * (self.basis.T @ self.white))
         return free
-
-    def own_change(self, change: np.ndarray) -> np.ndarray:
-        """Return the likeliest change of the own unknowns beside that of the shared parameters, in units of priors."""
-        left = self.white[:, 0] - self.white[:, 1:] @ change
-        likeliest: np.ndarray = self.turned.T @ (
-            np.sqrt(self.information) / (1.0 + self.information) * (self.basis.T @ left)
-        )
-        return likeliest
 
     def whitened(self) -> WhitenedRecord:
         """Return residual and shared columns free of the own unknowns."""
