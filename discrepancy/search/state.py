@@ -29,11 +29,16 @@ if TYPE_CHECKING:
     from discrepancy.residual.prepared_problem import PreparedProblem
     from discrepancy.search.omnibus import Omnibus
     from discrepancy.search.prior_conflict_test import PriorConflict
-    from estimation.fit.calibrate import UncertainParameter
+    from estimation.fit.calibrate import Fit, UncertainParameter
+    from estimation.response.experiment import Experiment
 
 __all__ = ["SearchState"]
 
 Answer = TypeVar("Answer")
+
+#: Times as many evaluations of the equations that a simulation may take where a model is moved to, as it takes where it
+#: was: the equations are the same, and what takes longer is far from any machine.  Chosen.
+SLOWER = 30
 
 
 @dataclass
@@ -278,7 +283,7 @@ class SearchState:
         if own is None:
             base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
             there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
-            records = [f.experiment for f in stage.identify.fits]
+            records = [_not_much_slower(f) for f in stage.identify.fits]
             own = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base).own_values
         return self.restored(
             stage.name,
@@ -318,3 +323,9 @@ class SearchState:
         return fitted_stage(
             problem, self.given.model, start.name, start.effects, start, start.noise, trial=True, progress=self.progress
         )
+
+
+def _not_much_slower(fit: Fit) -> Experiment:
+    """Return the experiment of a fit, on which a simulation may not take many times as long as that one did."""
+    taken = fit.response.evaluations
+    return replace(fit.experiment, max_evaluations=SLOWER * taken) if taken else fit.experiment

@@ -309,7 +309,8 @@ def _result(
     lengths = [e.measured.size for e in problem.experiments]
     for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, not trial), strict=True)):
         own = dict(zip(e.own_unknowns, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
-        fits.append(Fit(e, Response(response.outputs, np.empty((*response.outputs.shape, 0))), own))
+        plain = Response(response.outputs, np.empty((*response.outputs.shape, 0)), response.evaluations)
+        fits.append(Fit(e, plain, own))
         if not trial:
             slopes.append(problem.weighted(response, i, moving))
         errors.append(((e.measured - response.outputs) / problem.scale).ravel())
