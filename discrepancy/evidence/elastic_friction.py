@@ -22,7 +22,7 @@ from discrepancy.evidence.likelihood import StageLikelihood, record_columns
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
-from discrepancy.evidence.tried_models import TriedModels
+from discrepancy.evidence.tried_models import TriedModels, misfit
 from discrepancy.innovations.noise_fit import restricted_log_likelihoods
 from discrepancy.problem.problem import Problem
 from discrepancy.stages.fit_stage import FittedValues
@@ -128,7 +128,7 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
         before, settings, kept = model.total, (state.given, state.problem), None
         try:
             found = _found(tried, model, name, displacements)
-            if found is not None and found.total - before > max(POLICY.reach, tried.wander + found.wander):
+            if found is not None and _is_better(found, model, tried.wander):
                 _keep(tried, model, found)
                 kept = found
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
@@ -143,6 +143,20 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
             state.remarks.append(_remark(tried, model, name, kept, model.total - before, again=again))
             state.progress(state.remarks[-1])
     return replaced
+
+
+def _is_better(found: _Elastic, model: TriedModel, wander: float) -> bool:
+    """Tell whether the evidence is for another machine, however much another linearisation changes it.
+
+    Where that of the machine as it is wanders and that of the other settles, what both simulate decides beside it: that
+    is no matter of a linearisation.
+    """
+    rise = found.total - model.total
+    if rise > max(POLICY.reach, wander + found.wander):
+        return True
+    scale = model.stage.identify.scale
+    closer = misfit(found.fit[0].stage, scale) < (1.0 - POLICY.relevance) * misfit(model.stage, scale)
+    return rise > POLICY.reach and found.wander <= POLICY.improvement and closer
 
 
 def _dry_frictions(tried: TriedModels, model: TriedModel) -> list[tuple[str, list[float]]]:

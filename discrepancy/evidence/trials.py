@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.proposals import Proposal
-from discrepancy.evidence.tried_models import TriedModels, judge
+from discrepancy.evidence.tried_models import TriedModels, judge, misfit
 from discrepancy.stages.stage import Stage
 from multibody.base.errors import ModelError
 from multibody.base.memory import give_back
@@ -208,7 +208,7 @@ class Trials:
             return self._moved_from(model, other, effects)
         stage = self._best_fit(other, Proposal(move="drop", effects=effects), model)
         scale = model.stage.identify.scale
-        if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
+        if stage is None or not misfit(stage, scale) < (1.0 - POLICY.relevance) * misfit(other.stage, scale):
             return False
         likelihood = model.likelihood.neighbour(stage)
         fit = likelihood, self.tried.evidence_of(likelihood)
@@ -246,7 +246,7 @@ class Trials:
         scale = model.stage.identify.scale
         try:
             stage = self._state.moved_to(model.stage, model.likelihood.likeliest_values(), trial=True)
-            if _misfit(stage, scale) >= (1.0 - POLICY.relevance) * _misfit(model.stage, scale):
+            if misfit(stage, scale) >= (1.0 - POLICY.relevance) * misfit(model.stage, scale):
                 return False
             there = replace(model, likelihood=model.likelihood.neighbour(stage))
         except (RuntimeError, ModelError, np.linalg.LinAlgError):
@@ -305,7 +305,7 @@ class Trials:
         best: Stage | None = None
         scale = parent.stage.identify.scale
         added = {str(e) for e in parent.stage.effects} <= {str(e) for e in proposal.effects}
-        most = (1.0 + POLICY.relevance) * _misfit(parent.stage, scale) if added else math.inf
+        most = (1.0 + POLICY.relevance) * misfit(parent.stage, scale) if added else math.inf
         starts = [(proposal.effects, False), *((effects, True) for effects in proposal.starts)]
         for effects, from_prior in starts:
             self._state.progress(f"fit with {model.name}")
@@ -314,8 +314,8 @@ class Trials:
             except (RuntimeError, ModelError) as error:
                 model.outcome = model.outcome or f"could not be simulated: {error}"
                 continue
-            present = all(any(e.strengths.values()) for e in stage.effects) and _misfit(stage, scale) <= most
-            if present and (best is None or _misfit(stage, scale) < _misfit(best, scale)):
+            present = all(any(e.strengths.values()) for e in stage.effects) and misfit(stage, scale) <= most
+            if present and (best is None or misfit(stage, scale) < misfit(best, scale)):
                 best = stage
         return best
 
@@ -393,8 +393,3 @@ def _least_believed(proposal: Proposal, parent: TriedModel, simpler: TriedModel)
     if simpler is not parent or proposal.new_noise or not math.isfinite(proposal.promised):
         return simpler.total - POLICY.reach * len(more)
     return parent.total + proposal.promised - POLICY.error_of_gain(proposal.promised)
-
-
-def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:
-    """Return the sum over the outputs of the mean square error, each in its scale."""
-    return sum((error / scale[name]) ** 2 for name, error in stage.rmse("identify").items())

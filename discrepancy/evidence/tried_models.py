@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from discrepancy.search.state import SearchState
     from discrepancy.stages.stage import Stage
 
-__all__ = ["TriedModels", "judge"]
+__all__ = ["TriedModels", "judge", "misfit"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,3 +444,8 @@ def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
         model.refuse(f"better, but {why}")
     else:
         model.better, model.outcome = True, "better"
+
+
+def misfit(stage: Stage, scale: Mapping[str, float]) -> float:
+    """Return the sum over the outputs of the mean square error, each in its scale."""
+    return sum((error / scale[name]) ** 2 for name, error in stage.rmse("identify").items())
