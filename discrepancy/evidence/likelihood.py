@@ -22,6 +22,7 @@ from multibody.base.parallel import parallel_map
 __all__ = [
     "REGAINED",
     "StageLikelihood",
+    "following",
     "log_price",
     "noise_floor",
     "record_columns",
@@ -237,7 +238,7 @@ class StageLikelihood:
         change = np.array([values[n] - before[n] for n in sens.names])
         weights = np.array([identify.scale[n] for n in self.linearised.residual().channels])
         return [
-            own if columns is None else own + _following(block @ change / weights, columns / weights[:, None])
+            own if columns is None else own + following(block @ change / weights, columns / weights[:, None])
             for own, block, columns in zip(identify.own_values, sens.blocks, sens.nuisance, strict=True)
         ]
 
@@ -260,7 +261,7 @@ class StageLikelihood:
         return self.linearised.weighted_by(self.noise.weighting())
 
 
-def _following(moved: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def following(moved: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return the unknowns with which columns (n, n_c, q) take back best what has moved the outputs, (n, n_c).
 
     Those that a record hardly determines stay.

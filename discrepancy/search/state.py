@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from estimation.fit.calibrate import Fit, UncertainParameter
     from estimation.response.experiment import Experiment
 
-__all__ = ["SearchState"]
+__all__ = ["SLOWER", "SearchState", "not_much_slower"]
 
 Answer = TypeVar("Answer")
 
@@ -283,7 +283,7 @@ class SearchState:
         if own is None:
             base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
             there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
-            records = [_not_much_slower(f) for f in stage.identify.fits]
+            records = [not_much_slower(f) for f in stage.identify.fits]
             own = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base).own_values
         return self.restored(
             stage.name,
@@ -325,7 +325,7 @@ class SearchState:
         )
 
 
-def _not_much_slower(fit: Fit) -> Experiment:
+def not_much_slower(fit: Fit) -> Experiment:
     """Return the experiment of a fit, on which a simulation may not take many times as long as that one did."""
     taken = fit.response.evaluations
     return replace(fit.experiment, max_evaluations=SLOWER * taken) if taken else fit.experiment

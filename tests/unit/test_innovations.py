@@ -14,6 +14,7 @@ from discrepancy.innovations.noise_fit import (
     RecordColumns,
     fit_noise,
     restricted_log_likelihood,
+    restricted_log_likelihoods,
     restricted_score,
 )
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
@@ -126,6 +127,15 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
         - 0.5 * np.linalg.slogdet(normal)[1]
     )
     assert restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET) == pytest.approx(expected, abs=1e-6)
+
+
+def test_another_residual_under_the_same_noise_and_derivatives_needs_no_other_filter() -> None:
+    model, prior = noise_model(), (NO_PRIOR, NO_OFFSET)
+    one = columns_of(oscillator(40), 1, model)
+    other = replace(one, residual=one.residual**2)
+    there = one.filtered(model).with_residual(other.residual)
+    expected = restricted_log_likelihood([other], model, *prior)
+    assert restricted_log_likelihoods([there], [prior]) == [pytest.approx(expected, abs=1e-9)]
 
 
 @pytest.mark.parametrize("how", FORCES)
