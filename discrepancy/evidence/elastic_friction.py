@@ -146,10 +146,10 @@ def with_elastic_friction(tried: TriedModels, model: TriedModel) -> bool:
 
 
 def _is_better(found: _Elastic, model: TriedModel, wander: float) -> bool:
-    """Tell whether the evidence is for another machine, however much another linearisation changes it.
+    """Tell whether the evidence is for another machine by more than it depends on where it is linearised.
 
-    Where that of the machine as it is wanders and that of the other settles, what both simulate decides beside it: that
-    is no matter of a linearisation.
+    Where that of the machine as it is depends on that, and that of the other settles, the smaller error of a simulation
+    suffices beside it: a simulation is not linearised.
     """
     rise = found.total - model.total
     if rise > max(POLICY.reach, wander + found.wander):
@@ -236,7 +236,7 @@ def _best_start(tried: TriedModels, model: TriedModel, part: str, laws: Sequence
     state, likelihood = tried.state, model.likelihood
     assert likelihood is not None
     given, problem = state.given, state.problem
-    columns, *prior = record_columns(likelihood.linearised, likelihood.noise.records, likelihood.held)
+    columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, likelihood.held)
     filtered = [c.filtered(likelihood.noise.model) for c in columns]
     best: tuple[float, StageLikelihood, dict[str, float], tuple[Problem, Problem]] | None = None
     for law in laws:
@@ -249,7 +249,7 @@ def _best_start(tried: TriedModels, model: TriedModel, part: str, laws: Sequence
         except (RuntimeError, ModelError):
             continue
         records = [f.with_residual(residual) for f, residual in zip(filtered, residuals, strict=True)]
-        reached = restricted_log_likelihoods(records, [(prior[0], prior[1])])[0]
+        reached = restricted_log_likelihoods(records, [(std, offset)])[0]
         if best is None or reached > best[0]:
             best = reached, there, values, machine
     if best is None:

@@ -327,5 +327,7 @@ class SearchState:
 
 def not_much_slower(fit: Fit) -> Experiment:
     """Return the experiment of a fit, on which a simulation may not take many times as long as that one did."""
-    taken = fit.response.evaluations
-    return replace(fit.experiment, max_evaluations=SLOWER * taken) if taken else fit.experiment
+    experiment, most = fit.experiment, SLOWER * fit.response.evaluations
+    if most == 0:  # not known: the machine steps itself
+        return experiment
+    return replace(experiment, max_evaluations=min(most, experiment.max_evaluations or most))
