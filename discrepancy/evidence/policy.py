@@ -73,8 +73,8 @@ class Policy:
         others show, or of blocks left out with what has no name, or with a law in the place of a simpler one.
     temperature : float
         Divisor of log evidence in the probabilities that are shown, once what is overstated was left out of it.  Chosen
-        before any case was judged.  Cases on machines of plain equations ask for 1.2 (seeds 85 and 86), 2.6 (87) and 4.9 (88);
-        with 1.5 a second effect that is not there was named on the virtual axis (docs/method/evidence.md).
+        before any case was judged.  Cases on machines of plain equations ask for 1.2 (seeds 85 and 86), 2.6 (87) and
+        4.9 (88); with 1.5 a second effect that is not there was named on the virtual axis (docs/method/evidence.md).
     unseen : float
         Share of the effects outside the catalogue of which the search says nothing: 51 of 153 of those of 100 and 1000
         nats on the machines of plain equations, seeds 76 to 81 (docs/method/machines-results.md).
