@@ -36,7 +36,8 @@ __all__ = [
 ROWS = 6000
 #: States of a linearised record from which it is asked whether fewer would do: below, the filter's time is not theirs.
 MOST_STATES = 10
-#: Share of the largest singular value of what a record's own unknowns do, below which a direction of them stays.
+#: Share of the largest singular value of what a record's own unknowns do, below which a direction of them stays: it
+#: would have to move a thousand times as far, and a linearisation does not hold so far.  Chosen.
 HARDLY_DETERMINED = 1e-3
 #: Shapes of laws by which dry friction fades or gives way.
 HOW_FRICTION_FADES = ("v_s", "v_stribeck", "x_s")

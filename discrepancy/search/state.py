@@ -37,7 +37,8 @@ __all__ = ["SLOWER", "SearchState", "not_much_slower"]
 Answer = TypeVar("Answer")
 
 #: Times as many evaluations of the equations that a simulation may take where a model is moved to, as it takes where it
-#: was: the equations are the same, and what takes longer is far from any machine.  Chosen.
+#: was: the equations are the same, and what takes longer is far from any machine.  Chosen.  One that took fewer than
+#: its record has samples counts as many: what dry friction held throughout takes next to none, until it lets go.
 SLOWER = 30
 
 
@@ -248,7 +249,10 @@ class SearchState:
         trial: bool = False,
         not_excited: tuple[str, ...] | None = None,
     ) -> Stage:
-        """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted."""
+        """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted.
+
+        Parameters that no output depends on are found by derivatives where they are not given as ``not_excited``.
+        """
         given = FittedValues(values, own, scale, not_excited)
         return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=given, trial=trial)
 
@@ -327,7 +331,8 @@ class SearchState:
 
 def not_much_slower(fit: Fit) -> Experiment:
     """Return the experiment of a fit, on which a simulation may not take many times as long as that one did."""
-    experiment, most = fit.experiment, SLOWER * fit.response.evaluations
-    if most == 0:  # not known: the machine steps itself
+    experiment, taken = fit.experiment, fit.response.evaluations
+    if taken == 0:  # not known: the machine steps itself
         return experiment
+    most = SLOWER * max(taken, np.size(experiment.record.time))
     return replace(experiment, max_evaluations=min(most, experiment.max_evaluations or most))

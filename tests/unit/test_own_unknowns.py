@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from estimation.fit.calibrate import calibrate, evaluate, simulated_at
 from estimation.fit.fit_problem import FitProblem
 from estimation.response.experiment import Experiment
 from multibody import Model
+from multibody.base.errors import SimulationError
 from multibody.library import CoulombFriction, ForceSource, Mass
 
 TIME = np.arange(0.0, 0.5, 0.005)
@@ -100,6 +102,16 @@ def test_own_unknowns_follow_what_moves_the_outputs_but_those_that_a_record_hard
 
 
 def test_a_simulation_elsewhere_may_not_take_many_times_as_long(system):
+    """At the speed of the fit the sledge comes to rest; from another the law's step stops the integration."""
     fit = calibrate(system, [experiment(system, "one", SPEEDS[0])], (), noise={"mass.position": 1e-4}).fits[0]
-    assert fit.response.evaluations > 0
-    assert not_much_slower(fit).max_evaluations == SLOWER * fit.response.evaluations
+    most = SLOWER * TIME.size
+    assert fit.response.evaluations < TIME.size, "so few that the samples are counted"
+    assert not_much_slower(fit).max_evaluations == most
+    with pytest.raises(SimulationError, match=f"more than the {most} allowed"):
+        not_much_slower(fit).simulate(system, system.p)
+    longer = replace(fit, response=replace(fit.response, evaluations=2 * TIME.size))
+    assert not_much_slower(longer).max_evaluations == 2 * most
+    limited = replace(fit, experiment=replace(fit.experiment, max_evaluations=TIME.size))
+    assert not_much_slower(limited).max_evaluations == TIME.size, "a limit that was set stays"
+    unknown = replace(fit, response=replace(fit.response, evaluations=0))
+    assert not_much_slower(unknown) is unknown.experiment
