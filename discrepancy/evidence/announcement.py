@@ -257,8 +257,7 @@ class Announcement:
         if likelihood is None or model.at_likeliest:
             return
         try:
-            values = likelihood.likeliest_values()
-            stage = self._state.moved_to(likelihood.stage, values, likelihood.own_beside(values), trial=True)
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
             there = likelihood.neighbour(with_validation(self._state.problem, stage))
             evidence = self._tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:

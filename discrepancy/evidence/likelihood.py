@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.fewer_states import with_fewer_states
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
@@ -22,7 +21,6 @@ from multibody.base.parallel import parallel_map
 __all__ = [
     "REGAINED",
     "StageLikelihood",
-    "following",
     "log_price",
     "noise_floor",
     "record_columns",
@@ -36,9 +34,6 @@ __all__ = [
 ROWS = 6000
 #: States of a linearised record from which it is asked whether fewer would do: below, the filter's time is not theirs.
 MOST_STATES = 10
-#: Share of the largest singular value of what a record's own unknowns do, below which a direction of them stays: it
-#: would have to move a thousand times as far, and a linearisation does not hold so far.  Chosen.
-HARDLY_DETERMINED = 1e-3
 #: Shapes of laws by which dry friction fades or gives way.
 HOW_FRICTION_FADES = ("v_s", "v_stribeck", "x_s")
 #: Samples that remain of the shortest record, at least.
@@ -225,24 +220,6 @@ class StageLikelihood:
             values[name] = float(np.clip(values[name] + step, *bounds[name]))
         return values
 
-    def own_beside(self, values: Mapping[str, float]) -> list[np.ndarray] | None:
-        """Return what is unknown of each record where it fits best beside other values of the parameters, SI.
-
-        To first order, from where it was fitted; None where that does not reach so far.  It takes no simulation, and a
-        fit takes many.  It stays what least squares makes of it: beside a random force the likelihood hardly knows how
-        fast a drive turned at first, and its most likely speed may be impossible.
-        """
-        if self.rise_to_likeliest > POLICY.reach:
-            return None
-        sens, identify = self.linearised.sensitivities(), self.stage.identify
-        before = identify.to_dict()
-        change = np.array([values[n] - before[n] for n in sens.names])
-        weights = np.array([identify.scale[n] for n in self.linearised.residual().channels])
-        return [
-            own if columns is None else own + following(block @ change / weights, columns / weights[:, None])
-            for own, block, columns in zip(identify.own_values, sens.blocks, sens.nuisance, strict=True)
-        ]
-
     def promise_of_shapes(self) -> float:
         """Return the nats by which the linearised likelihood rises further where shapes of laws may move as well."""
         return self._rise(self.held_if_shapes_move) - self.rise_to_likeliest
@@ -260,17 +237,6 @@ class StageLikelihood:
     def weighted(self) -> LinearisedProblem:
         """The linearised problem as innovations: white where the model and its noise explain the records."""
         return self.linearised.weighted_by(self.noise.weighting())
-
-
-def following(moved: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return the unknowns with which columns (n, n_c, q) take back best what has moved the outputs, (n, n_c).
-
-    Those that a record hardly determines stay.
-    """
-    flat = columns.reshape(-1, columns.shape[2])
-    size = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
-    found: np.ndarray = np.linalg.lstsq(flat / size, -moved.ravel(), rcond=HARDLY_DETERMINED)[0] / size
-    return found
 
 
 class Acting(NamedTuple):

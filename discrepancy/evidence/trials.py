@@ -335,9 +335,8 @@ class Trials:
         name = " + ".join(key_of(proposal.effects))
         begin = self.tried.at_stated_values(simpler.stage) if stated else simpler.stage
         expected = self._state.unfitted(name, proposal.effects, begin)
-        there = simpler.likelihood.neighbour(expected, proposal.noise)
-        values = there.likeliest_values()
-        stage = self._state.moved_to(expected, values, there.own_beside(values), trial=True)
+        values = simpler.likelihood.neighbour(expected, proposal.noise).likeliest_values()
+        stage = self._state.moved_to(expected, values, trial=True)
         if not all(any(e.strengths.values()) for e in stage.effects):
             raise RuntimeError("a strength is zero: it would act the other way")
         return self._with_noise(stage, proposal, simpler)
@@ -359,8 +358,7 @@ class Trials:
         if promised <= POLICY.improvement:
             return likelihood, evidence
         try:
-            values = likelihood.likeliest_values(shapes=True)
-            stage = self._state.moved_to(likelihood.stage, values, likelihood.own_beside(values), trial=True)
+            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True), trial=True)
             there = likelihood.neighbour(stage)
             moved = self.tried.evidence_of(there)
         except (RuntimeError, ModelError, np.linalg.LinAlgError):

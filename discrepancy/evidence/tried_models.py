@@ -304,8 +304,7 @@ class TriedModels:
         """Move a model to its likeliest parameters, some times, and linearise it there each time."""
         for _ in range(POLICY.likeliest_steps):
             try:
-                values = likelihood.likeliest_values()
-                stage = self.state.moved_to(likelihood.stage, values, likelihood.own_beside(values), trial=True)
+                stage = self.state.moved_to(likelihood.stage, likelihood.likeliest_values(), trial=True)
                 likelihood = likelihood.neighbour(stage)
                 evidence = self.evidence_of(likelihood)
             except (RuntimeError, ModelError, np.linalg.LinAlgError):

@@ -264,36 +264,26 @@ class SearchState:
         given = FittedValues(values, start.identify.own_values, start.identify.scale)
         return self.fitted(name, effects, None, dict(start.noise), values=given, trial=True)
 
-    def moved_to(
-        self,
-        stage: Stage,
-        values: Mapping[str, float],
-        own: Sequence[np.ndarray] | None = None,
-        *,
-        trial: bool = False,
-    ) -> Stage:
-        """Return a fitted stage at other values of its parameters.
+    def moved_to(self, stage: Stage, values: Mapping[str, float], *, trial: bool = False) -> Stage:
+        """Return a fitted stage at other values of its parameters; only each record's own unknowns are fitted there.
 
         Parameters
         ----------
         stage : Stage
         values : mapping of str to float
             Of every parameter that was calibrated, SI.
-        own : sequence of ndarray, optional
-            Each record's own unknowns there; default: they are fitted by least squares.
         trial : bool
             Without the records held out, and without intervals.
         """
-        if own is None:
-            base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
-            there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
-            records = [not_much_slower(f) for f in stage.identify.fits]
-            own = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base).own_values
+        base = stage.system.parameter_vector({p.name: p.value for p in self.problem.uncertain})
+        there = replace(stage.identify, values=np.array([values[p.name] for p in stage.identify.parameters]))
+        records = [not_much_slower(f) for f in stage.identify.fits]
+        at = evaluate(stage.slim, records, there, noise=stage.noise, sensors=stage.sensors, base=base)
         return self.restored(
             stage.name,
             tuple(e.with_values(values) for e in stage.effects),
             values,
-            own,
+            at.own_values,
             stage.identify.scale,
             stage.noise,
             trial=trial,

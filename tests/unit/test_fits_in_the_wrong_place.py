@@ -30,9 +30,7 @@ def place(evidence: float) -> Any:
 
 def tried_model(effects: tuple[Effect, ...], total: float = 0.0) -> TriedModel:
     likelihood: Any = SimpleNamespace(
-        stage=None,
-        neighbour=lambda stage, noise: SimpleNamespace(likeliest_values=dict, own_beside=lambda values: None),
-        free_memory=lambda: None,
+        stage=None, neighbour=lambda stage, noise: SimpleNamespace(likeliest_values=dict), free_memory=lambda: None
     )
     evidence = Evidence(log_likelihood=total, log_prior=0.0, log_odds=0.0)
     return TriedModel(likelihood=likelihood, key=key_of(effects), evidence=evidence)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.evidence.likelihood import following
 from discrepancy.search.state import SLOWER, not_much_slower
 from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import calibrate, evaluate, simulated_at
@@ -90,15 +89,6 @@ def test_a_fit_that_is_known_is_simulated_and_nothing_is_differentiated(system):
     for one, other in zip(at.fits, given.fits, strict=True):
         assert np.allclose(one.response.outputs, other.response.outputs, rtol=0.0, atol=1e-9)
         assert one.own == other.own
-
-
-def test_own_unknowns_follow_what_moves_the_outputs_but_those_that_a_record_hardly_determines():
-    rng = np.random.default_rng(5)
-    columns = rng.standard_normal((40, 2, 3)) * [1.0, 1e3, 1.0]
-    columns[:, :, 2] = columns[:, :, 0] + 1e-6 * columns[:, :, 2]
-    found = following(columns[:, :, :2] @ [0.3, -2e-3], columns)
-    assert found[1] == pytest.approx(2e-3)
-    assert found[[0, 2]] == pytest.approx([-0.15, -0.15], abs=1e-6), "which of two is not known: none runs away"
 
 
 def test_a_simulation_elsewhere_may_not_take_many_times_as_long(system):
