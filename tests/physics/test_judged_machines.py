@@ -16,9 +16,12 @@ from discrepancy.validation.machines.machine import Machine
 from discrepancy.validation.machines.simulate import simulate
 
 ROWS = 120
-#: Root mean square difference over the sensor's noise that may stand between the equations and the baseline model: the
-#: hold of a sampled controller, presliding, rest.  Where it is above one the study has more than noise to explain.
-ALIKE = {"drive_train": 1.5, "linear_motor": 1.5, "scanner": 1.5, "valve": 1.5, "flywheel": 1.0}
+#: Root mean square difference over the sensor's noise that may stand between the equations and the baseline model where
+#: dry friction sticks: presliding, rest.  Where it is above one the study has more than noise to explain.
+STICKING = {"drive_train": 1.5, "linear_motor": 1.5, "valve": 1.5, "flywheel": 1.0}
+#: Nats that the difference may be worth in a whole record elsewhere, such as that of a sampled controller's hold: an
+#: effect of so many is hardly visible, and one that is named because of them is not invented.
+HARDLY_VISIBLE = 10.0
 
 
 def module_of(machine: Machine, folder: Path) -> ModuleType:
@@ -55,5 +58,9 @@ def test_the_baseline_model_is_the_machine_without_effects(name: str, tmp_path: 
         method="LSODA",
         interpolation="hold" if machine.drives[0].hold else "linear",
     )
-    off = {c.name: float(np.std(run[c.output] - truth[c.name][:, 0]) / c.deviation) for c in machine.channels}
-    assert max(off.values()) < ALIKE.get(name, 0.3), off
+    square = {c.name: float(np.mean((run[c.output] - truth[c.name][:, 0]) ** 2)) for c in machine.channels}
+    over_noise = {c.name: square[c.name] / c.deviation**2 for c in machine.channels}
+    if name in STICKING:
+        assert max(over_noise.values()) < STICKING[name] ** 2, over_noise
+    else:
+        assert 0.5 * machine_named(name).rows * sum(over_noise.values()) < HARDLY_VISIBLE, over_noise

@@ -16,7 +16,7 @@ __all__ = ["MACHINE"]
 Array = NDArray[np.float64]
 
 ABOUT = """
-A galvanometer turns a mirror on a torsion bar. The controller is sampled once a row (5 kHz), and its torque is held:
+A galvanometer turns a mirror on a torsion bar. The controller is sampled once a row (20 kHz), and its torque is held:
 
     e = 900 (ref - angle_measured) - speed_measured;   I <- I + 0.004 e dt;   torque = 1.6e-5 e + I
 
@@ -41,7 +41,7 @@ from multibody.library import (
     TorsionSpring,
 )
 
-TICK = 2e-4
+TICK = 5e-5
 
 
 def build() -> Model:
@@ -71,7 +71,7 @@ def build() -> Model:
     return m
 '''
 
-TICK = 2e-4
+TICK = 5e-5
 
 
 def _excite(rng: np.random.Generator, t: Array) -> dict[str, Array]:
