@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Trials", "most_believed"]
 
+#: Of the step to the likeliest shapes that are tried, until one makes the model more probable: from afar the whole step
+#: may lead to where the law is another, or none.
+SHARES_OF_STEP = (1.0, 0.5, 0.25)
+
 
 @dataclass(eq=False)
 class Trials:
@@ -344,30 +348,45 @@ class Trials:
     def _with_likeliest_shapes(
         self, likelihood: StageLikelihood, evidence: Evidence
     ) -> tuple[StageLikelihood, Evidence]:
-        """Return a model with the shapes of its laws moved to the largest likelihood, if it is more probable there.
+        """Return a model with the shapes of its laws moved to the largest likelihood, where it is more probable there.
 
         A strength is integrated out about its likeliest value; a shape, such as the place about which a spring bends,
         is held where least squares put it, and beside a random force that is not where it is likeliest.  It stays where
-        the evidence does not settle.  A rise far above what the linearised likelihood promises comes from another
-        linearisation as well.
+        the evidence does not settle.  A linearisation from afar does not lead there in one step.
         """
         shapes = [k for e in likelihood.stage.effects for k in e.definition.free_shapes]
         if not shapes or not likelihood.noise.model.processes or self.tried.wander:
             return likelihood, evidence
+        for _ in range(POLICY.likeliest_steps):
+            there = self._nearer_likeliest_shapes(likelihood, evidence)
+            if there is None:
+                break
+            rise = there[1].total - evidence.total
+            self._state.progress(f"{likelihood.stage.name}: log evidence {rise:+.1f} nearer its likeliest shapes")
+            likelihood, evidence = there
+        return likelihood, evidence
+
+    def _nearer_likeliest_shapes(
+        self, likelihood: StageLikelihood, evidence: Evidence
+    ) -> tuple[StageLikelihood, Evidence] | None:
+        """Return a more probable model on the way to the likeliest shapes; None if none is promised or found.
+
+        A rise far above what the linearised likelihood promises comes from another linearisation as well.
+        """
         promised = likelihood.promise_of_shapes()
         if promised <= POLICY.improvement:
-            return likelihood, evidence
-        try:
-            stage = self._state.moved_to(likelihood.stage, likelihood.likeliest_values(shapes=True), trial=True)
-            there = likelihood.neighbour(stage)
-            moved = self.tried.evidence_of(there)
-        except (RuntimeError, ModelError, np.linalg.LinAlgError):
-            return likelihood, evidence
-        rise = moved.total - evidence.total
-        if not 0.0 < rise <= most_believed(promised):
-            return likelihood, evidence
-        self._state.progress(f"{stage.name}: log evidence {rise:+.1f} at the likeliest shapes")
-        return there, moved
+            return None
+        here, likeliest = likelihood.stage.identify.to_dict(), likelihood.likeliest_values(shapes=True)
+        for share in SHARES_OF_STEP:
+            values = {name: here[name] + share * (value - here[name]) for name, value in likeliest.items()}
+            try:
+                there = likelihood.neighbour(self._state.moved_to(likelihood.stage, values, trial=True))
+                moved = self.tried.evidence_of(there)
+            except (RuntimeError, ModelError, np.linalg.LinAlgError):
+                continue
+            if 0.0 < moved.total - evidence.total <= most_believed(promised):
+                return there, moved
+        return None
 
 
 def most_believed(promised: float) -> float:
