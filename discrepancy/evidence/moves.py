@@ -97,6 +97,8 @@ class TriedModel:
         has no likelihood, because the time limit came first.
     counts_for : tuple of str or None
         Model whose probability its own is part of, where it does not matter; None: the one that it was made of.
+    as_good : bool
+        Whether the evidence holds it for as good as the simpler law that was taken in its place: it is another answer.
     """
 
     likelihood: StageLikelihood | None
@@ -118,15 +120,19 @@ class TriedModel:
     at_likeliest: bool = False
     in_full: bool = True
     counts_for: tuple[str, ...] | None = None
+    as_good: bool = False
 
     def refuse(self, why: str, instead: TriedModel | None = None) -> None:
         """Note that the model is not taken although the evidence is for it: the difference does not matter.
 
-        Its probability is that of the model that stays instead; by default of the one that it was made of.
+        Its probability is that of the model that stays instead; by default of the one that it was made of.  Where that
+        has another law in the place of one of this, and the evidence tells neither from the other, it keeps its own.
         """
         self.outcome, self.better, self.matters = why, False, False
         if instead is not None:
             self.counts_for = instead.key
+            another_law = bool(set(instead.key) - set(self.key))
+            self.as_good = another_law and abs(self.total - instead.total) <= POLICY.improvement
 
     @property
     def stage(self) -> Stage:

@@ -125,7 +125,8 @@ def posterior(
     -----
     A model with an effect that would not matter (it makes no prediction of records left out better) counts as the
     model that it was made of, and so do those that change the same.  A model that only the records held out did not
-    confirm keeps its probability, unless the answer is a part of it: the evidence of all other records is for it.
+    confirm keeps its probability, unless the answer is a part of it: the evidence of all other records is for it.  So
+    does one that the evidence cannot tell from the simpler law that was taken in its place.
     """
     first = models[()].total if () in models else -math.inf
     weights = {
@@ -219,7 +220,7 @@ def _of_what_matters(
         model = models.get(weights[key].of)
         passed: set[tuple[str, ...]] = set()
         while model is not None and not model.matters and key != taken and model.key not in passed:
-            if model.unconfirmed and not (found and set(found) < set(model.key)):
+            if model.as_good or (model.unconfirmed and not (found and set(found) < set(model.key))):
                 break
             passed.add(model.key)
             other = model.counts_for if model.counts_for is not None else model.parent
@@ -309,7 +310,7 @@ def rivals_of(
     weights = {
         k: _Weight(m.total - m.overstated - m.log_odds, m.log_odds, k)
         for k, m in models.items()
-        if math.isfinite(m.total) and (m.matters or m.unconfirmed or m is best)
+        if math.isfinite(m.total) and (m.matters or m.unconfirmed or m.as_good or m is best)
     }
     fitted = set(weights)
     weights |= _twin_models(weights, proposals, final)

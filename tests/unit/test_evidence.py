@@ -13,7 +13,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_strengths
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.posterior import posterior
+from discrepancy.evidence.posterior import posterior, rivals_of
 from discrepancy.stages.held_out_errors import gain_of_errors
 from discrepancy.statistics.verdicts import Verdict
 
@@ -145,6 +145,19 @@ def test_a_model_that_lost_an_effect_counts_for_what_is_left_of_it() -> None:
     both.refuse("b@x is not announced", first)
     result = posterior(by_key(tried(0.0), tried(50.0, "b@x", parent=()), both, first), ["a@x"], None)
     assert result.effects[0].probability > 0.99
+
+
+@pytest.mark.parametrize(("behind", "keeps"), [(0.4, True), (2.0 * POLICY.improvement, False)])
+def test_a_law_that_is_as_good_as_the_simpler_one_in_its_place_keeps_its_probability(behind, keeps):
+    """Evidence that is equal does not become certainty because the simpler law is the one to name."""
+    complex_law, simple = tried(60.0, "hysteresis@x", parent=()), tried(60.0 - behind, "rub@x", parent=())
+    complex_law.refuse("records left out are predicted no better with it", simple)
+    models = by_key(tried(0.0), complex_law, simple)
+    (effect,) = posterior(models, ["rub@x"], None).effects
+    share = 1.0 / (1.0 + math.exp(behind / POLICY.temperature)) if keeps else 1.0
+    assert effect.probability == pytest.approx(share, abs=1e-6)
+    assert [name for name, _ in effect.alternatives] == ["hysteresis@x"] * keeps
+    assert [r.kind for r in rivals_of(simple, "rub@x", models, None)] == ["hysteresis"] * keeps
 
 
 def test_models_that_count_for_each_other_end() -> None:
