@@ -44,7 +44,8 @@ class Policy:
         exact; the Laplace approximation is not, by about one nat for each of the few parameters that an effect has.
     likeliest_steps : int
         Steps to the likeliest parameters, each linearised anew: where dry friction sticks, the evidence wanders after
-        the first, and how much is seen from two more.
+        the first, and how much is seen from two more.  At most as many are made to the likeliest shapes of laws;
+        chosen.
     relevance : float
         Share of a mean square error, a hundredth of the error itself, from which a change of it counts: nobody would
         see less in a figure.  An effect that changes so much of an output must lower it on the records left out.
