@@ -71,7 +71,7 @@ def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figur
     for tick, row in zip(a.get_yticklabels(), rows, strict=True):
         if scan.best is not None and row.name == scan.best.name:
             tick.set_fontweight("bold")
-    a.set_xlabel("size of the effect in standard errors")
+    a.set_xlabel("size of the effect in standard errors", loc="right")  # beside long names the axis is narrower
     a.grid(False, axis="y")
     if title:
         figure.suptitle(title, fontsize=10.5, fontweight="bold")

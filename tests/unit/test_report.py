@@ -225,6 +225,18 @@ def test_axes_have_names_and_units(conclusion, evidence) -> None:
     assert bars.axes[0].get_xlabel() == "size of the effect in standard errors"
 
 
+def test_the_axis_of_candidates_with_long_names_keeps_its_label_on_the_figure(conclusion, monkeypatch) -> None:
+    from discrepancy.report import effect_figures
+
+    monkeypatch.setattr(effect_figures, "_short", lambda kind: "friction with elastic displacement (hysteresis)")
+    figure = effect_figures.candidate_scores(conclusion.baseline.scan)
+    _drawn(figure)
+    box = figure.axes[0].xaxis.label.get_window_extent()
+    assert figure.axes[0].get_window_extent().width < box.width, "names so long that the label is wider"
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.x1
+
+
 def test_legends_of_long_names_stay_on_the_figure(conclusion, evidence, monkeypatch) -> None:
     from discrepancy.report import figures
 
