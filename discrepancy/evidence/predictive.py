@@ -38,6 +38,10 @@ __all__ = [
 
 #: Blocks that are left out in turn, at least: records, cut in parts where there are fewer.
 BLOCKS = 8
+#: Parts of a block whose scores follow one another, each given those before it: eight, so that the standard error comes
+#: of 64 differences.  That of eight blocks is itself known to a quarter, and an effect that shows in one of them only,
+#: as what bends does at a large stroke, seems uncertain whatever its size.
+PARTS = 8
 LEAST_BLOCKS = 4  # of a simulation that is left out
 #: Share of a block's own information about a parameter that is kept when the block is left out: what no other block
 #: shows, such as a point of a curve where none comes, would else be free.  And what keeps the matrix regular.
@@ -53,8 +57,10 @@ class PredictiveGain:
     gain : float
         Sum over the blocks.
     standard_error : float
-        Of that sum, from its spread over the blocks.
+        Of that sum, from its spread over the parts of the blocks.
     blocks : int
+    parts : int
+        Of all blocks, as many of each.
     stated : float
         By how much it predicts the stated values of parameters better, where these count as well.
     """
@@ -62,6 +68,7 @@ class PredictiveGain:
     gain: float
     standard_error: float
     blocks: int
+    parts: int
     stated: float = 0.0
 
     def __str__(self) -> str:
@@ -84,8 +91,8 @@ class PredictiveGain:
         return self.total > errors * self.standard_error
 
     def exceeds_normal(self, errors: float) -> bool:
-        """Tell the same of so many standard errors of a normal distribution, as improbable with so few blocks."""
-        return self.exceeds(in_normal_errors(errors, self.blocks))
+        """Tell the same of so many standard errors of a normal distribution, as improbable with so few parts."""
+        return self.exceeds(in_normal_errors(errors, self.parts))
 
 
 def predictive_gain(one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
@@ -105,11 +112,15 @@ def _with_stated(gain: PredictiveGain, one: StageLikelihood, other: StageLikelih
 
 
 def gain_of_scores(one: np.ndarray, other: np.ndarray) -> PredictiveGain:
-    """Return by how much the first scores of the same blocks, (n_blocks,), are higher than the second."""
+    """Return by how much the first scores of the same blocks, (n_blocks, n_parts), are higher than the second.
+
+    What is known beside a part is what came before it, so the differences are uncorrelated, however strongly the
+    disturbances are correlated (those of a martingale).
+    """
     difference = one - other
     n = difference.size
     error = float(np.sqrt(n * np.var(difference, ddof=1))) if n > 1 else np.inf
-    return PredictiveGain(gain=float(np.sum(difference)), standard_error=error, blocks=n)
+    return PredictiveGain(gain=float(np.sum(difference)), standard_error=error, blocks=len(difference), parts=n)
 
 
 def simulation_gain(one: StageLikelihood, other: StageLikelihood) -> SimulationGain:
@@ -175,7 +186,7 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
 
 
 def predictive_scores(likelihood: StageLikelihood) -> np.ndarray:
-    """Return the log predictive density of every block, given the others, shape (n_blocks,).
+    """Return the log predictive density of every block, given the others, part by part, shape (n_blocks, n_parts).
 
     Innovations are independent, so blocks of them can be left out one by one.  Around the fit the outputs are linear in
     the parameters: the parameters' distribution without a block follows from the normal equations.  Each record's own
@@ -210,7 +221,7 @@ def scores_of_blocks(
     """Return the same of records under a noise model and priors of their shared parameters."""
     blocks, roots = whitened_blocks(columns, model, max(1, -(-BLOCKS // len(columns))))
     given = _left_out(blocks, std, offset)
-    return np.array([_score(*block, root, known) for block, root, known in zip(blocks, roots, given, strict=True)])
+    return np.array([_in_parts(*block, root, known) for block, root, known in zip(blocks, roots, given, strict=True)])
 
 
 def held_out_gain(problem: Problem, one: StageLikelihood, other: StageLikelihood) -> PredictiveGain:
@@ -225,14 +236,17 @@ def held_out_gain(problem: Problem, one: StageLikelihood, other: StageLikelihood
 
 
 def held_out_scores(problem: Problem, likelihood: StageLikelihood, left_out: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the log predictive density of blocks of the records held out, given the identification records, (n,)."""
+    """Return the log predictive density of blocks of the records held out, given the identification records.
+
+    Part by part, shape (n_blocks, n_parts).
+    """
     model, held = likelihood.noise.model, likelihood.held
     columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
     known = what_is_known(whitened_blocks(columns, model, 1)[0], std, offset)
     linearised = _held_out(problem, likelihood)
     later, _, _ = record_columns(linearised, linear_records(linearised, left_out), held)
     blocks, roots = whitened_blocks(later, model, max(1, -(-BLOCKS // len(later))))
-    return np.array([_score(*block, root, known) for block, root in zip(blocks, roots, strict=True)])
+    return np.array([_in_parts(*block, root, known) for block, root in zip(blocks, roots, strict=True)])
 
 
 def _held_out(problem: Problem, likelihood: StageLikelihood) -> LinearisedProblem:
@@ -244,8 +258,11 @@ def _held_out(problem: Problem, likelihood: StageLikelihood) -> LinearisedProble
 
 def whitened_blocks(
     columns: Sequence[RecordColumns], model: NoiseModel, parts: int
-) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[float]]:
-    """Return residual and shared columns of each part of each record, whitened, and the log of the whitening's root."""
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[np.ndarray]]:
+    """Return residual and shared columns of each part of each record, whitened, and the log of the whitening's root.
+
+    That is of each of its rows.
+    """
     blocks, roots = [], []
     for record in columns:
         white = record.whitened(model)
@@ -253,8 +270,19 @@ def whitened_blocks(
         for rows in np.array_split(np.arange(len(record.residual)), parts):
             part = slice(int(rows[0]) * n_c, (int(rows[-1]) + 1) * n_c)
             blocks.append((white.residual[part], white.shared[part]))
-            roots.append(float(np.sum(white.log_root[rows])))
+            roots.append(white.log_root[rows])
     return blocks, roots
+
+
+def _in_parts(residual: np.ndarray, shared: np.ndarray, log_root: np.ndarray, known: Known) -> np.ndarray:
+    """Return the log predictive density of the parts of a block, whitened, each given those before it, (n_parts,)."""
+    each = residual.reshape(log_root.size, -1), shared.reshape(log_root.size, -1, shared.shape[1]), log_root
+    scores = []
+    for r, f, root in zip(*(np.array_split(rows, PARTS) for rows in each), strict=True):
+        part = r.ravel(), f.reshape(r.size, -1)
+        scores.append(_score(*part, float(np.sum(root)), known))
+        known = known.after(*part)
+    return np.array(scores)
 
 
 def _score(residual: np.ndarray, shared: np.ndarray, root: float, known: Known) -> float:
@@ -284,6 +312,13 @@ class Known:
     change: np.ndarray
     normal: np.ndarray
     size: np.ndarray
+
+    def after(self, residual: np.ndarray, shared: np.ndarray) -> Known:
+        """Return what is known after a further block, its residual and columns in standard deviations."""
+        columns = shared / self.size
+        normal = self.normal + columns.T @ columns
+        change = np.linalg.solve(normal, columns.T @ (residual - shared @ self.change)) / self.size
+        return replace(self, change=self.change + change, normal=normal)
 
 
 def _normal_equations(

@@ -43,7 +43,7 @@ def models_of(stage: Any, *, at_likeliest: bool, key: tuple[str, ...] = ()) -> t
 
 def predicted(score: float) -> PredictiveGain:
     """What the log predictive score of the records held out says."""
-    return PredictiveGain(gain=score, standard_error=10.0, blocks=8)
+    return PredictiveGain(gain=score, standard_error=10.0, blocks=8, parts=8)
 
 
 def confirming(monkeypatch: pytest.MonkeyPatch, tried: TriedModels, fewer: list[TriedModel]) -> Announcement:

@@ -28,7 +28,7 @@ def law(where: str, gain: float) -> UnknownLaw:
         log_odds=0.0,
         share={"cart.v": 0.5},
         samples=1000,
-        predictive=PredictiveGain(gain=gain, standard_error=1.0, blocks=8),
+        predictive=PredictiveGain(gain=gain, standard_error=1.0, blocks=8, parts=8),
     )
 
 

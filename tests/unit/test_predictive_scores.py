@@ -63,13 +63,39 @@ def test_scores_are_the_density_of_a_block_given_the_others(monkeypatch: pytest.
     std = np.array([2.0, 3.0])
     f, e = one.shared[:, 0, :], one.residual[:, 0]
     scores = predictive.scores_of_blocks([one], model, std, np.zeros(2))
-    for rows, score in zip(np.array_split(np.arange(COUNT), predictive.BLOCKS), scores, strict=True):
+    for rows, score in zip(np.array_split(np.arange(COUNT), predictive.BLOCKS), scores.sum(axis=1), strict=True):
         rest = np.setdiff1d(np.arange(COUNT), rows)
         covariance = np.linalg.inv(f[rest].T @ f[rest] / NOISE**2 + np.diag(std**-2.0))
         mean = covariance @ f[rest].T @ e[rest] / NOISE**2
         density = multivariate_normal(f[rows] @ mean, f[rows] @ covariance @ f[rows].T + NOISE**2 * np.eye(rows.size))
         # the factor of the normal distribution is left out of all scores
         assert score == pytest.approx(density.logpdf(e[rows]) + 0.5 * rows.size * np.log(2.0 * np.pi), abs=1e-3)
+
+
+def test_a_standard_error_is_nearly_the_spread_of_the_gain_also_of_what_shows_in_one_block() -> None:
+    count, model = 800, NoiseModel(noise=(NOISE,))
+    t = np.arange(count) / count
+    bends = np.where(t < 7 / 8, 0.2, 1.0) * np.sin(300.0 * t)  # little, but for one stroke in eight
+    both = np.stack([np.ones(count), bends], axis=1)[:, None, :]
+    gains, of_parts, of_blocks = [], [], []
+    for seed in range(200):
+        residual = NOISE * (bends + np.random.default_rng(seed).standard_normal(count))
+        one = RecordColumns(
+            record=still(count),
+            residual=residual[:, None],
+            shared=both,
+            own=np.zeros((count, 1, 0)),
+            spread=np.ones(1),
+        )
+        other = replace(one, shared=both[:, :, :1])
+        with_effect = predictive.scores_of_blocks([one], model, np.array([np.inf, 1.0]), np.zeros(2))
+        without = predictive.scores_of_blocks([other], model, np.array([np.inf]), np.zeros(1))
+        gain = predictive.gain_of_scores(with_effect, without)
+        gains.append(gain.gain)
+        of_parts.append(gain.standard_error)
+        of_blocks.append(predictive.gain_of_scores(with_effect.sum(axis=1), without.sum(axis=1)).standard_error)
+    assert 0.9 < np.mean(of_parts) / np.std(gains) < 1.5  # what shows in few parts only is still counted as spread
+    assert np.mean(of_blocks) / np.std(gains) > 2.0
 
 
 def calibrated(*, moved: float, std: float = 0.1, held: tuple[str, ...] = (), noise: float = NOISE) -> Any:
@@ -129,7 +155,7 @@ def test_stated_values_count_where_only_the_effect_keeps_them(
     for model in (one, other):
         model.stage.identify = None
     monkeypatch.setattr(predictive, "needs_prior_conflict", lambda richer, poorer: in_conflict)
-    monkeypatch.setattr(predictive, "predictive_scores", lambda model: np.zeros(8))
+    monkeypatch.setattr(predictive, "predictive_scores", lambda model: np.zeros((8, 8)))
     monkeypatch.setattr(predictive, "stated_score", lambda model: 0.0 if model is one else -50.0)
     gain = predictive.predictive_gain(one, other)
     assert gain.stated == stated
@@ -137,14 +163,14 @@ def test_stated_values_count_where_only_the_effect_keeps_them(
 
 
 def test_a_gain_that_stated_values_do_not_outweigh_is_none() -> None:
-    assert not PredictiveGain(gain=-60.0, standard_error=5.0, blocks=8, stated=50.0).exceeds(1.0)
-    assert PredictiveGain(gain=-7.0, standard_error=2.0, blocks=8, stated=90.0).exceeds(1.0)
+    assert not PredictiveGain(gain=-60.0, standard_error=5.0, blocks=8, parts=8, stated=50.0).exceeds(1.0)
+    assert PredictiveGain(gain=-7.0, standard_error=2.0, blocks=8, parts=8, stated=90.0).exceeds(1.0)
 
 
 def test_of_few_blocks_a_name_needs_more_standard_errors():
     """A level of 5 %: 1.65 of a normal distribution are 1.9 of eight blocks, and 6.3 of two."""
-    gain = PredictiveGain(gain=18.5, standard_error=10.0, blocks=8)
+    gain = PredictiveGain(gain=18.5, standard_error=10.0, blocks=8, parts=8)
     assert gain.exceeds(1.645)
     assert not gain.exceeds_normal(1.645)
-    assert PredictiveGain(gain=19.5, standard_error=10.0, blocks=8).exceeds_normal(1.645)
-    assert not PredictiveGain(gain=60.0, standard_error=10.0, blocks=2).exceeds_normal(1.645)
+    assert PredictiveGain(gain=19.5, standard_error=10.0, blocks=8, parts=8).exceeds_normal(1.645)
+    assert not PredictiveGain(gain=60.0, standard_error=10.0, blocks=2, parts=2).exceeds_normal(1.645)
