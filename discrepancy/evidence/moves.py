@@ -155,6 +155,11 @@ class TriedModel:
         """Log prior probability of the model; zero where it has no evidence."""
         return self.evidence.log_odds if self.evidence is not None else 0.0
 
+    @property
+    def of_records(self) -> float:
+        """Log evidence without the prior probability of the model."""
+        return self.total - self.log_odds
+
     def is_more_probable_than(self, other: TriedModel) -> bool:
         """Tell whether the model is more probable than another, in the probabilities that are shown."""
         return self._log_weight() > other._log_weight()

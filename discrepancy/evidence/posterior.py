@@ -308,7 +308,7 @@ def rivals_of(
     """Return the other explanations of an effect: the models with something else in its place, best first."""
     rest = set(best.key) - {name}
     weights = {
-        k: _Weight(m.total - m.overstated - m.log_odds, m.log_odds, k)
+        k: _Weight(m.of_records - m.overstated, m.log_odds, k)
         for k, m in models.items()
         if math.isfinite(m.total) and (m.matters or m.unconfirmed or m.as_good or m is best)
     }

@@ -178,21 +178,25 @@ class TriedModels:
     def doubt(self) -> None:
         """Note by how many nats the evidence of each model is overstated.
 
-        What its effects gain over the best model with fewer of them holds only as far as their standard errors are as
-        small as the likelihood promises.  Rivals, which extend the same model, are compared by their whole evidence:
+        What effects gain over the best model with fewer of them holds only as far as their standard errors are as
+        small as the likelihood promises.  Rivals, models with as many effects, are compared by their whole evidence:
         the share that holds is computed for the best of them and applies to all.
         """
-        fitted = sorted((m for m in self.models.values() if m.likelihood is not None), key=lambda m: len(m.key))
-        beyond: dict[tuple[str, ...], list[TriedModel]] = {}
-        for model in fitted:
-            if (simpler := self.best_within(model.key)) is not None:
-                beyond.setdefault(simpler.key, []).append(model)
-        shares = {key: self._share_that_holds(max(m, key=lambda m: m.total), key) for key, m in beyond.items()}
-        for model in fitted:
-            model.overstated = 0.0
-            if (simpler := self.best_within(model.key)) is not None:
-                gain = (model.total - model.log_odds) - (simpler.total - simpler.log_odds)
-                model.overstated = simpler.overstated + (1.0 - shares[simpler.key]) * max(gain, 0.0)
+        fitted = [m for m in self.models.values() if m.likelihood is not None]
+        if self.start is None or self.start not in fitted:
+            return
+        first = self.start.of_records
+        for count in sorted({len(m.key) for m in fitted}):
+            rivals = [m for m in fitted if len(m.key) == count]
+            best = max(rivals, key=lambda m: m.total)
+            simpler, gained = self.best_within(best.key), best.of_records - first
+            doubted = 0.0
+            if simpler is not None:
+                further = best.of_records - simpler.of_records
+                doubted = simpler.overstated + (1.0 - self._share_that_holds(best, simpler.key)) * max(further, 0.0)
+            for model in rivals:
+                own = max(model.of_records - first, 0.0)
+                model.overstated = doubted * own / gained if gained > 0.0 else 0.0
 
     def _share_that_holds(self, model: TriedModel, simpler: tuple[str, ...]) -> float:
         """Return what share of its gain over a simpler model holds."""
