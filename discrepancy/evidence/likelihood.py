@@ -22,6 +22,7 @@ __all__ = [
     "REGAINED",
     "StageLikelihood",
     "log_price",
+    "lost_to_means",
     "noise_floor",
     "record_columns",
     "steady_reach",
@@ -158,6 +159,12 @@ class StageLikelihood:
         """Samples of all outputs that are part of the likelihood."""
         outputs = len(self.linearised.residual().channels)
         return outputs * sum(int(np.sum(~mask)) for mask in self.left_out)
+
+    @property
+    def recorded(self) -> int:
+        """Recorded samples that these are the means of."""
+        given = self.linearised.preparation
+        return self.count * given.average * given.decimate
 
     @property
     def duration(self) -> float:
@@ -354,6 +361,13 @@ def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
     channels = linearised.residual().channels
     noise = np.array([linearised.noise.get(c, 0.0) for c in channels])
     return np.maximum(noise / np.sqrt(count), 1e-9 * _spread(linearised))
+
+
+def lost_to_means(linearised: LinearisedProblem) -> np.ndarray:
+    """Return the variance of white sensor noise that the means of several samples have lost, of each output, SI."""
+    given = linearised.preparation
+    lost: np.ndarray = noise_floor(linearised) ** 2 * (given.average * given.decimate - 1)
+    return lost
 
 
 def log_price(linearised: LinearisedProblem, model: NoiseModel) -> float:

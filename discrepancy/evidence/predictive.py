@@ -9,7 +9,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import strength_scale
-from discrepancy.evidence.likelihood import StageLikelihood, linear_records, noise_floor, record_columns
+from discrepancy.evidence.likelihood import StageLikelihood, linear_records, lost_to_means, noise_floor, record_columns
 from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.noise_fit import RecordColumns, prior_precision
 from discrepancy.innovations.noise_model import NoiseModel
@@ -164,10 +164,9 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
     used = [~mask for mask in likelihood.left_out]
     moved = [k for k, n in enumerate(sens.names) if n not in likelihood.held]
     weights = np.array([stage.identify.scale[c] for c in residual.channels])
-    given = linearised.preparation
-    lost = noise_floor(linearised) ** 2 * (given.average * given.decimate - 1)
+    lost = lost_to_means(linearised)
     # the fit has `average` samples for each of these
-    count = float(given.average)
+    count = float(linearised.preparation.average)
     rows = []
     for mask, whole, slopes, own in zip(used, residual.blocks, sens.blocks, sens.nuisance, strict=True):
         block, slopes, own = whole[mask], slopes[mask][:, :, moved], own[mask] if own is not None else None

@@ -22,6 +22,7 @@ from discrepancy.evidence.likelihood import (
     StageLikelihood,
     fitted_noise,
     log_price,
+    lost_to_means,
     noise_floor,
     record_columns,
     steady_reach,
@@ -86,7 +87,7 @@ class UnknownLaw:
     share : mapping of str to float
         Of the mean square error of every output, what the function changes.
     samples : int
-        Of all outputs, in the likelihood.
+        Recorded ones of all outputs that the likelihood is of; it may be that of the means of several.
     predictive : PredictiveGain
         By how much blocks of the records that were left out are predicted better with it.
     """
@@ -208,7 +209,7 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
         gain=best.gain - PROCESS_PRICE + best.log_odds,
         log_odds=best.log_odds,
         share=share,
-        samples=likelihood.count,
+        samples=likelihood.recorded,
         predictive=predictive,
     )
 
@@ -465,9 +466,10 @@ class _Question:
                 both = (both * weight - own @ (own.T @ (both * weight))) / weight
             errors.append(both[:, 0].reshape(-1, outputs))
             moved.append(both[:, 1].reshape(-1, outputs))
-        shares = np.mean(np.concatenate(moved) ** 2, axis=0)
-        shares = shares / np.maximum(np.mean(np.concatenate(errors) ** 2, axis=0), 1e-300)
-        outputs = self.likelihood.linearised.residual().channels
+        linearised = self.likelihood.linearised
+        error = np.mean(np.concatenate(errors) ** 2, axis=0) + lost_to_means(linearised)
+        shares = np.mean(np.concatenate(moved) ** 2, axis=0) / np.maximum(error, 1e-300)
+        outputs = linearised.residual().channels
         with_law = scores_of_blocks(best.columns, best.with_law, *priors)
         without = scores_of_blocks(self.columns, best.without, std, offset)
         return dict(zip(outputs, shares.tolist(), strict=True)), gain_of_scores(with_law, without)
