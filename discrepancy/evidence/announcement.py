@@ -254,6 +254,12 @@ class Announcement:
         makes of it, which is some nats where dry friction sticks.
         """
         likelihood = model.likelihood
+        if model.by_least_squares is not None:
+            before, model.by_least_squares = model.by_least_squares, None
+            if self._predicts_worse(self._validated(model.stage), before[0].stage):
+                self._state.progress(f"{model.name} goes back to the parameters of least squares, which predict better")
+                (model.likelihood, model.evidence), model.at_likeliest = before, False
+            return
         if likelihood is None or model.at_likeliest:
             return
         try:
@@ -265,14 +271,18 @@ class Announcement:
             return
         if evidence.total < model.total - POLICY.reach:
             return
-        gain = self._held_out_gain_of_errors(there.stage, likelihood.stage)
-        if gain.harms(POLICY.harm, POLICY.simulation_errors) or self._simulated_worse(there.stage):
+        if self._predicts_worse(there.stage, likelihood.stage):
             self._state.progress(f"{model.name} stays at the parameters of least squares, which predict better")
             return
         self._state.progress(
             f"{model.name}: log evidence {evidence.total - model.total:+.1f} at the likeliest parameters"
         )
         model.likelihood, model.evidence, model.at_likeliest = there, evidence, True
+
+    def _predicts_worse(self, moved: Stage, fitted: Stage) -> bool:
+        """Tell whether a model predicts the records held out worse where it was moved than where it was fitted."""
+        gain = self._held_out_gain_of_errors(moved, fitted)
+        return gain.harms(POLICY.harm, POLICY.simulation_errors) or bool(self._simulated_worse(moved))
 
     def _beside_unknown_law(self, best: TriedModel) -> TriedModel:
         """Return the most probable of a model and those with one effect less or none, each with an unknown law.

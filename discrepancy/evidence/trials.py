@@ -260,11 +260,25 @@ class Trials:
     def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
         """Judge models that were fitted, and let them be among those that were tried."""
         self.tried.share_noise(sorted(trials, key=lambda m: -m.total)[: POLICY.beam], parent, trials)
+        self._move_rivals(trials, parent)
         for model in trials:
             self.tried.share_noise_of_simpler(model)
             if model.likelihood is not None:
                 judge(model, parent, self.tried.wander)
             self.tried.models[model.key] = model
+
+    def _move_rivals(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
+        """Move the best of some models, and the one that they extend, to their likeliest parameters.
+
+        Those are the best that the evidence, which is linear from where least squares put them, cannot tell: it may be
+        off by tens of nats for one of them and by none for another.
+        """
+        fitted = [m for m in trials if m.likelihood is not None and m.in_full]
+        best = max((m.total for m in fitted), default=parent.total)
+        gain = best - parent.total
+        if gain > POLICY.improvement:
+            near = [m for m in fitted if m.total >= best - POLICY.error_of_gain(gain)]
+            parallel_map(self.tried.move_to_likeliest, [parent, *near])
 
     def _is_hopeless(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> bool:
         """Tell whether a model is so improbable where its fit begins that no fit of it matters; then it stays there.

@@ -275,6 +275,25 @@ class TriedModels:
         way = self.way_to_likeliest(likelihood, evidence)
         return way.end if way.settled or way.end[1].total > evidence.total + POLICY.improvement else None
 
+    def move_to_likeliest(self, model: TriedModel) -> None:
+        """Move a model from where least squares put it to its likeliest parameters, if it is not there.
+
+        Where the fits of all models do so by themselves, it stays.
+        """
+        likelihood, evidence = model.likelihood, model.evidence
+        if self.moved or model.at_likeliest or likelihood is None or evidence is None:
+            return
+        if not likelihood.noise.model.processes or likelihood.rise_to_likeliest <= POLICY.improvement:
+            return
+        way = self.way_to_likeliest(likelihood, evidence)
+        there = way.end
+        if there[0] is likelihood or not (way.settled or there[1].total > evidence.total):
+            return
+        self.state.progress(f"{model.name}: log evidence {there[1].total - evidence.total:+.1f} at likelier parameters")
+        model.by_least_squares = likelihood, evidence
+        (model.likelihood, model.evidence), model.at_likeliest = there, True
+        likelihood.free_memory()
+
     def way_to_likeliest(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
         """Move a model step by step to its likeliest parameters, until it has come near enough.
 

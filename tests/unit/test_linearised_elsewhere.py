@@ -12,6 +12,7 @@ from discrepancy.evidence import tried_models as module
 from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.trials import Trials
 from discrepancy.evidence.tried_models import TriedModels, judge
 
 
@@ -28,6 +29,7 @@ def likelihood(at: float, *, settled: bool = False) -> Any:
         noise=SimpleNamespace(model=SimpleNamespace(processes=[1])),
         rise_to_likeliest=0.0 if settled else 2.0 * POLICY.improvement,
         neighbour=lambda stage: likelihood(stage),
+        free_memory=lambda: None,
     )
 
 
@@ -95,6 +97,47 @@ def test_others_follow_while_they_become_more_probable(monkeypatch):
     assert found is not None
     assert found[1].total == 25.0
     assert models.at_likelier_parameters(likelihood(0.0), evidence(24.0)) is None
+
+
+@pytest.mark.parametrize(
+    ("totals", "settles", "ends"),
+    [((25.0,), True, 25.0), ((-4.0,), True, -4.0), ((-4.0,), False, 0.0), ((), True, 0.0)],
+)
+def test_rivals_are_compared_at_their_likeliest_parameters(monkeypatch, totals, settles, ends):
+    """Also where that makes one less probable; where it does not settle only if it is more so."""
+    models, first = walked(monkeypatch, *totals, sticks=False, settles=settles)
+    models.move_to_likeliest(first)
+    assert first.total == ends
+    assert first.at_likeliest is (ends != 0.0)
+    assert (first.by_least_squares is None) is (ends == 0.0)
+
+
+def test_a_model_without_random_forces_is_where_it_is_likeliest(monkeypatch):
+    models, first = walked(monkeypatch, 25.0, sticks=False, settles=True)
+    first.likelihood.noise.model.processes = ()
+    models.move_to_likeliest(first)
+    assert first.total == 0.0
+
+
+@pytest.mark.parametrize(
+    ("totals", "moved"),
+    [
+        ((300.0, 280.0, 100.0), ["nothing", "a", "b"]),
+        ((20.0, 15.0, 7.0), ["nothing", "a", "b"]),
+        ((2.0, 1.0, 0.0), []),
+    ],
+)
+def test_those_move_that_the_evidence_from_afar_cannot_tell(monkeypatch, totals, moved):
+    """Within 30 % of the best gain, or 12 nats; and with them the model that they extend."""
+    models, parent = walked(monkeypatch, sticks=False)
+    asked: list[str] = []
+    monkeypatch.setattr(TriedModels, "move_to_likeliest", lambda self, model: asked.append(model.name))
+    rivals = [
+        TriedModel(likelihood=likelihood(0.0), key=(name,), evidence=evidence(total))
+        for name, total in zip("abc", totals, strict=True)
+    ]
+    Trials(models)._move_rivals(rivals, parent)
+    assert sorted(asked) == sorted(moved)
 
 
 @pytest.mark.parametrize(
