@@ -292,7 +292,8 @@ class TriedModels:
         self.state.progress(f"{model.name}: log evidence {there[1].total - evidence.total:+.1f} at likelier parameters")
         model.by_least_squares = likelihood, evidence
         (model.likelihood, model.evidence), model.at_likeliest = there, True
-        likelihood.free_memory()
+        for each in (likelihood, there[0]):
+            each.free_memory()
 
     def way_to_likeliest(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
         """Move a model step by step to its likeliest parameters, until it has come near enough.
