@@ -254,11 +254,12 @@ class Announcement:
         makes of it, which is some nats where dry friction sticks.
         """
         likelihood = model.likelihood
-        if model.by_least_squares is not None:
-            before, model.by_least_squares = model.by_least_squares, None
-            if self._predicts_worse(self._validated(model.stage), before[0].stage):
+        if likelihood is not None and model.by_least_squares is not None:
+            fitted, model.by_least_squares = model.by_least_squares, None
+            if self._predicts_worse(self._validated(model.stage), fitted):
                 self._state.progress(f"{model.name} goes back to the parameters of least squares, which predict better")
-                (model.likelihood, model.evidence), model.at_likeliest = before, False
+                model.likelihood, model.at_likeliest = likelihood.neighbour(fitted), False
+                self._tried.refresh(model)
             return
         if likelihood is None or model.at_likeliest:
             return

@@ -92,8 +92,8 @@ class TriedModel:
         What follows the machine's state beside it, once that has been asked.
     at_likeliest : bool
         Whether its parameters are those of largest likelihood and no longer of least squares.
-    by_least_squares : tuple of (StageLikelihood, Evidence) or None
-        Of a model that was moved there because others could not be told from it, as it was before.
+    by_least_squares : Stage or None
+        The fit of a model that was moved there because others could not be told from it.
     in_full : bool
         Whether it was fitted; else it stands where the fit would have begun, too improbable for any fit to matter, or
         has no likelihood, because the time limit came first.
@@ -120,7 +120,7 @@ class TriedModel:
     overstated: float = 0.0
     unknown_law: UnknownLaw | None = None
     at_likeliest: bool = False
-    by_least_squares: tuple[StageLikelihood, Evidence] | None = None
+    by_least_squares: Stage | None = None
     in_full: bool = True
     counts_for: tuple[str, ...] | None = None
     as_good: bool = False

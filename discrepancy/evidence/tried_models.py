@@ -290,10 +290,9 @@ class TriedModels:
         if there[0] is likelihood or not (way.settled or there[1].total > evidence.total):
             return
         self.state.progress(f"{model.name}: log evidence {there[1].total - evidence.total:+.1f} at likelier parameters")
-        model.by_least_squares = likelihood, evidence
+        model.by_least_squares = model.stage
         (model.likelihood, model.evidence), model.at_likeliest = there, True
-        for each in (likelihood, there[0]):
-            each.free_memory()
+        there[0].free_memory()
 
     def way_to_likeliest(self, likelihood: StageLikelihood, evidence: Evidence) -> Way:
         """Move a model step by step to its likeliest parameters, until it has come near enough.
