@@ -275,11 +275,11 @@ def whitened_blocks(
 
 def _in_parts(residual: np.ndarray, shared: np.ndarray, log_root: np.ndarray, known: Known) -> np.ndarray:
     """Return the log predictive density of the parts of a block, whitened, each given those before it, (n_parts,)."""
-    each = residual.reshape(log_root.size, -1), shared.reshape(log_root.size, -1, shared.shape[1]), log_root
+    values = np.arange(residual.size).reshape(log_root.size, -1)  # of all outputs, row by row
     scores = []
-    for r, f, root in zip(*(np.array_split(rows, PARTS) for rows in each), strict=True):
-        part = r.ravel(), f.reshape(r.size, -1)
-        scores.append(_score(*part, float(np.sum(root)), known))
+    for taken, roots in zip(np.array_split(values, PARTS), np.array_split(log_root, PARTS), strict=True):
+        part = residual[taken.ravel()], shared[taken.ravel()]
+        scores.append(_score(*part, float(np.sum(roots)), known))
         known = known.after(*part)
     return np.array(scores)
 

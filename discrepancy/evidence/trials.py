@@ -71,7 +71,7 @@ class Trials:
         try:
             trials = parallel_map(tried, offers)
         except KeyboardInterrupt:
-            self._keep(done, parent)
+            self._keep(done, parent, moved=False)
             raise
         self._keep(trials, parent)
         give_back()
@@ -257,10 +257,11 @@ class Trials:
             return False
         return self.fit_from(there, model, model.stage.effects)
 
-    def _keep(self, trials: Sequence[TriedModel], parent: TriedModel) -> None:
-        """Judge models that were fitted, and let them be among those that were tried."""
+    def _keep(self, trials: Sequence[TriedModel], parent: TriedModel, *, moved: bool = True) -> None:
+        """Judge models that were fitted, and let them be among those that were tried; the best ``moved`` before."""
         self.tried.share_noise(sorted(trials, key=lambda m: -m.total)[: POLICY.beam], parent, trials)
-        self._move_rivals(trials, parent)
+        if moved:
+            self._move_rivals(trials, parent)
         for model in trials:
             self.tried.share_noise_of_simpler(model)
             if model.likelihood is not None:

@@ -72,6 +72,15 @@ def test_scores_are_the_density_of_a_block_given_the_others(monkeypatch: pytest.
         assert score == pytest.approx(density.logpdf(e[rows]) + 0.5 * rows.size * np.log(2.0 * np.pi), abs=1e-3)
 
 
+@pytest.mark.parametrize("count", [COUNT, 20])
+def test_a_model_without_parameters_and_a_short_record_have_scores_too(count: int) -> None:
+    residual = NOISE * np.random.default_rng(5).standard_normal(count)
+    empty = np.zeros((count, 1, 0))
+    one = RecordColumns(record=still(count), residual=residual[:, None], shared=empty, own=empty, spread=np.ones(1))
+    scores = predictive.scores_of_blocks([one], NoiseModel(noise=(NOISE,)), np.zeros(0), np.zeros(0))
+    assert scores.sum() == pytest.approx(-0.5 * np.sum((residual / NOISE) ** 2) - count * np.log(NOISE))
+
+
 def test_a_standard_error_is_nearly_the_spread_of_the_gain_also_of_what_shows_in_one_block() -> None:
     count, model = 800, NoiseModel(noise=(NOISE,))
     t = np.arange(count) / count
