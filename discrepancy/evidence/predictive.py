@@ -38,9 +38,10 @@ __all__ = [
 
 #: Blocks that are left out in turn, at least: records, cut in parts where there are fewer.
 BLOCKS = 8
-#: Parts of a block whose scores follow one another, each given those before it: eight, so that the standard error comes
-#: of 64 differences.  That of eight blocks is itself known to a quarter, and an effect that shows in one of them only,
-#: as what bends does at a large stroke, seems uncertain whatever its size.
+#: Parts of a block whose scores follow one another, each given those before it.  With one, a standard error comes of
+#: eight differences, which leaves a quarter of it to chance, and an effect that shows in one block only, as what bends
+#: does at a large stroke, seems uncertain whatever its size.  With many, errors that the noise model does not know
+#: would reach from one to the next.  Chosen.
 PARTS = 8
 LEAST_BLOCKS = 4  # of a simulation that is left out
 #: Share of a block's own information about a parameter that is kept when the block is left out: what no other block
@@ -114,8 +115,8 @@ def _with_stated(gain: PredictiveGain, one: StageLikelihood, other: StageLikelih
 def gain_of_scores(one: np.ndarray, other: np.ndarray) -> PredictiveGain:
     """Return by how much the first scores of the same blocks, (n_blocks, n_parts), are higher than the second.
 
-    What is known beside a part is what came before it, so the differences are uncorrelated, however strongly the
-    disturbances are correlated (those of a martingale).
+    Within a block a part is scored given what came before it, so that the differences are those of a martingale if the
+    model is right: uncorrelated, however long a disturbance lasts.
     """
     difference = one - other
     n = difference.size
@@ -258,9 +259,9 @@ def _held_out(problem: Problem, likelihood: StageLikelihood) -> LinearisedProble
 def whitened_blocks(
     columns: Sequence[RecordColumns], model: NoiseModel, parts: int
 ) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[np.ndarray]]:
-    """Return residual and shared columns of each part of each record, whitened, and the log of the whitening's root.
+    """Return residual and shared columns of each part of each record, whitened, and the log root of the whitening.
 
-    That is of each of its rows.
+    The latter for each row of the part.
     """
     blocks, roots = [], []
     for record in columns:

@@ -258,7 +258,10 @@ class Trials:
         return self.fit_from(there, model, model.stage.effects)
 
     def _keep(self, trials: Sequence[TriedModel], parent: TriedModel, *, moved: bool = True) -> None:
-        """Judge models that were fitted, and let them be among those that were tried; the best ``moved`` before."""
+        """Judge models that were fitted, and let them be among those that were tried.
+
+        With ``moved`` the best are moved to their likeliest parameters before.
+        """
         self.tried.share_noise(sorted(trials, key=lambda m: -m.total)[: POLICY.beam], parent, trials)
         if moved:
             self._move_rivals(trials, parent)

@@ -182,10 +182,10 @@ class TriedModels:
         small as the likelihood promises.  Rivals, models with as many effects, are compared by their whole evidence:
         the share that holds is computed for the best of them and applies to all.
         """
-        fitted = [m for m in self.models.values() if m.likelihood is not None]
-        if self.start is None or self.start not in fitted:
+        fitted, start = [m for m in self.models.values() if m.likelihood is not None], self.start
+        if start is None or start.likelihood is None:
             return
-        first = self.start.of_records
+        first = start.of_records
         for count in sorted({len(m.key) for m in fitted}):
             rivals = [m for m in fitted if len(m.key) == count]
             best = max(rivals, key=lambda m: m.total)
@@ -270,8 +270,9 @@ class TriedModels:
 
         Where the evidence does not settle the model is returned where it is most probable, if clearly more so.
         """
-        if not self.moved:
-            return None
+        return self._likelier(likelihood, evidence) if self.moved else None
+
+    def _likelier(self, likelihood: StageLikelihood, evidence: Evidence) -> tuple[StageLikelihood, Evidence] | None:
         way = self.way_to_likeliest(likelihood, evidence)
         return way.end if way.settled or way.end[1].total > evidence.total + POLICY.improvement else None
 
@@ -285,9 +286,8 @@ class TriedModels:
             return
         if not likelihood.noise.model.processes or likelihood.rise_to_likeliest <= POLICY.improvement:
             return
-        way = self.way_to_likeliest(likelihood, evidence)
-        there = way.end
-        if there[0] is likelihood or not (way.settled or there[1].total > evidence.total):
+        there = self._likelier(likelihood, evidence)
+        if there is None:
             return
         self.state.progress(f"{model.name}: log evidence {there[1].total - evidence.total:+.1f} at likelier parameters")
         model.by_least_squares = model.stage

@@ -87,7 +87,7 @@ class UnknownLaw:
     share : mapping of str to float
         Of the mean square error of every output, what the function changes.
     samples : int
-        Recorded ones of all outputs that the likelihood is of; it may be that of the means of several.
+        Recorded ones of all outputs in the likelihood, which may be computed of means over several.
     predictive : PredictiveGain
         By how much blocks of the records that were left out are predicted better with it.
     """

@@ -121,7 +121,7 @@ def test_rivals_are_doubted_alike(tried):
 def test_rivals_that_extend_different_models_are_doubted_alike(tried):
     """Two pairs that the records cannot tell stay as probable as each other, whatever each was made of."""
     add(tried, 40.0, "delay@drive")
-    add(tried, 50.0, "drag@rail")
+    add(tried, 60.0, "drag@rail")
     one, other = add(tried, 90.0, "delay@drive", "lag@drive"), add(tried, 90.5, "drag@rail", "delay@drive")
     tried.doubt()
     assert one.total - one.overstated == pytest.approx(other.total - other.overstated, abs=0.5)
