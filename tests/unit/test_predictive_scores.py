@@ -103,7 +103,8 @@ def test_a_standard_error_is_nearly_the_spread_of_the_gain_also_of_what_shows_in
         gains.append(gain.gain)
         of_parts.append(gain.standard_error)
         of_blocks.append(predictive.gain_of_scores(with_effect.sum(axis=1), without.sum(axis=1)).standard_error)
-    assert 0.9 < np.mean(of_parts) / np.std(gains) < 1.5  # what shows in few parts only is still counted as spread
+    # 1.4 and 3.0 times: an effect that shows in eight of 64 parts, or in one of eight blocks, counts as spread itself
+    assert 0.9 < np.mean(of_parts) / np.std(gains) < 1.5
     assert np.mean(of_blocks) / np.std(gains) > 2.0
 
 
