@@ -14,7 +14,7 @@ from discrepancy.evidence.predictive import PredictiveGain, held_out_gain, predi
 from discrepancy.evidence.proposals import Proposal
 from discrepancy.evidence.trials import Trials
 from discrepancy.evidence.tried_models import TriedModels
-from discrepancy.evidence.unknown_law import unknown_law
+from discrepancy.evidence.unknown_law_search import at_a_second_place, unknown_law
 from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.held_out_errors import SimulationGain, held_out_gain_of_errors, simulated_worse
@@ -300,6 +300,9 @@ class Announcement:
         rivals = list({m.key: m for m in (best, *fewer) if curves <= set(m.key)}.values())
         for model in rivals:
             self._ask_for_unknown_law(model)
+        if best.key and best.unknown_law is not None and best.unknown_law.announced:
+            for model in rivals:  # the effect and the function may be one law that acts at two places
+                self._ask_for_a_second_place(model)
         likeliest = max(rivals[1:], key=lambda m: m.log_weight_with_law_in_place(best), default=best)
         if likeliest is best or likeliest.log_weight_with_law_in_place(best) <= best.log_weight_with_law:
             return best
@@ -318,5 +321,17 @@ class Announcement:
         model.unknown_law = self._state.if_simulated(
             "whether something follows the machine's state by an unknown law", lambda: unknown_law(likelihood)
         )
+        likelihood.free_memory()
+        give_back()
+
+    def _ask_for_a_second_place(self, model: TriedModel) -> None:
+        likelihood, law = model.likelihood, model.unknown_law
+        if likelihood is None or law is None or law.gain <= 0.0:
+            return
+        self._state.progress(f"whether what follows the machine's state beside {model.name} acts at a second place")
+        further = self._state.if_simulated(
+            "whether an unknown law acts at a second place", lambda: at_a_second_place(likelihood, law)
+        )
+        model.unknown_law = further if further is not None else law
         likelihood.free_memory()
         give_back()

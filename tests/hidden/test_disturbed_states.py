@@ -13,7 +13,7 @@ from plain_machines import RECORDS, diagnosed, low_passed, written
 from scipy.integrate import solve_ivp
 
 from discrepancy.evidence.likelihood import StageLikelihood, what_may_act
-from discrepancy.evidence.unknown_law import unknown_law
+from discrepancy.evidence.unknown_law_search import unknown_law
 from discrepancy.study.study import Study
 from discrepancy.validation.machines.heated_tank import MACHINE
 
@@ -98,5 +98,10 @@ def test_a_sensor_that_is_off_is_told_from_heat_that_nobody_recorded(tmp_path) -
 def test_a_loss_that_looks_like_a_slow_disturbance_is_found_with_what_it_follows(tmp_path) -> None:
     law = unknown_law(likelihood(tmp_path, steam=3e-3, heat=3.0))
     assert law is not None
-    assert (law.acts_on, law.where, law.depends_on[0]) == ("state", "tank.water", "tank.water")
+    (function,) = law.functions
+    assert (function.source.acts_on, function.source.where, function.signals[0]) == (
+        "state",
+        "tank.water",
+        "tank.water",
+    )
     assert "an addition to the rate of tank.water that is a function of tank.water" in law.sentence

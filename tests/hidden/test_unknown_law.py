@@ -14,7 +14,8 @@ from plain_machines import CARRIAGE, CARRIAGE_STUDY, RECORDS, diagnosed, low_pas
 from scipy.integrate import solve_ivp
 
 from discrepancy.evidence.likelihood import StageLikelihood
-from discrepancy.evidence.unknown_law import UnknownLaw, unknown_law
+from discrepancy.evidence.unknown_law import UnknownLaw
+from discrepancy.evidence.unknown_law_search import at_a_second_place, unknown_law
 from discrepancy.study.study import Study
 
 
@@ -48,8 +49,9 @@ def law_of(tmp_path, strength: float, seed: int) -> UnknownLaw:
 def test_a_force_without_a_name_is_found_with_what_it_follows(tmp_path) -> None:
     law = law_of(tmp_path, strength=150.0, seed=21)
     assert law.announced
-    assert (law.where, law.acts_on) == ("spring", "connection")
-    assert set(law.depends_on) == {"place.spring.position", "place.spring.velocity"}
+    (function,) = law.functions
+    assert (function.source.where, function.source.acts_on) == ("spring", "connection")
+    assert set(function.signals) == {"place.spring.position", "place.spring.velocity"}
     assert "a force at spring that is a function of" in law.sentence
 
 
@@ -125,6 +127,109 @@ def test_a_product_of_two_signals_is_found_one_of_them_the_place_within_a_turn(t
     law = unknown_law(StageLikelihood(stage=Study.from_file(file).stage))
     assert law is not None
     assert law.announced
-    assert law.acts_on in ("connection", "input")
-    assert {"place.bearing.angle within a turn", "place.bearing.speed"} <= set(law.depends_on)
+    (function,) = law.functions
+    assert function.source.acts_on in ("connection", "input")
+    assert {"place.bearing.angle within a turn", "place.bearing.speed"} <= set(function.signals)
     assert "the angle within a turn of bearing" in law.sentence
+
+
+VOICE_COIL = """
+from multibody import Component, Input, Model, Parameter, State, Translation
+from multibody import library as lib
+
+
+class VoiceCoil(Component):
+    R = Parameter(3.0, "ohm", "resistance", min=1e-9)
+    L = Parameter(5e-3, "H", "inductance", min=1e-9)
+    K = Parameter(15.0, "N/A", "force constant")
+    voltage = Input("V", "voltage on the coil")
+    current = State("A", "current")
+    rod = Translation("coil")
+
+    def equations(self):
+        self.der.current = (self.voltage - self.R * self.current - self.K * self.rod.velocity) / self.L
+        self.rod.force = self.K * self.current
+
+
+def shaker():
+    m = Model("shaker")
+    coil = m.add("coil", VoiceCoil())
+    table = m.add("table", lib.Mass(m=1.2))
+    springs = m.add("springs", lib.SpringDamper(stiffness=4000.0, damping=6.0))
+    m.connect(coil.rod, table.flange, springs.b)
+    m.connect(springs.a, m.ground)
+    m.input("coil.voltage", coil.voltage)
+    return m
+"""
+
+VOICE_COIL_STUDY = """
+[model]
+build = "models.py:shaker"
+
+[uncertain]
+"coil.K" = { value = 15.0, std = 0.3, min = 0.0 }
+"springs.damping" = { value = 6.0, std = 1.0, min = 0.0 }
+
+[inputs]
+"coil.voltage" = { column = "voltage_V" }
+
+[outputs]
+"table.position" = { column = "position_m", noise = 2e-6 }
+"coil.current" = { column = "current_A", noise = 2e-3 }
+"""
+
+
+def voice_coil(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return one record of a shaker whose force constant falls with the square of the place: 3 s at 500 Hz."""
+    t = np.arange(0.0, 3.0, 2e-3)
+    voltage = 6.0 * np.sin(2.0 * np.pi * 0.9 * t + rng.uniform(0.0, 6.0)) + 2.0 * low_passed(rng, t, 20.0)
+
+    def rates(now, y):
+        current, x, v = y
+        constant = 15.0 * (1.0 - 300.0 * x**2)
+        induced = (np.interp(now, t, voltage) - 3.0 * current - constant * v) / 5e-3
+        return np.array([induced, v, (constant * current - 4000.0 * x - 6.0 * v) / 1.2])
+
+    y, step = np.zeros((t.size, 3)), 5e-4
+    for k in range(t.size - 1):  # four steps of Runge and Kutta in each interval
+        now, state = t[k], y[k]
+        for _ in range(4):
+            one = rates(now, state)
+            two = rates(now + 0.5 * step, state + 0.5 * step * one)
+            three = rates(now + 0.5 * step, state + 0.5 * step * two)
+            four = rates(now + step, state + step * three)
+            now, state = now + step, state + step / 6.0 * (one + 2.0 * two + 2.0 * three + four)
+        y[k + 1] = state
+    return {
+        "time_s": t,
+        "voltage_V": voltage,
+        "position_m": y[:, 1] + 2e-6 * rng.standard_normal(t.size),
+        "current_A": y[:, 0] + 2e-3 * rng.standard_normal(t.size),
+    }
+
+
+def test_one_law_that_acts_at_two_places_is_found_at_both(tmp_path) -> None:
+    """A force constant that falls with the place changes the force on the current and the voltage on the speed."""
+    file = written(tmp_path, VOICE_COIL, voice_coil, VOICE_COIL_STUDY + RECORDS, seed=41)
+    likelihood = StageLikelihood(stage=Study.from_file(file).stage)
+    law = unknown_law(likelihood)
+    assert law is not None
+    both = at_a_second_place(likelihood, law)
+    assert both.gain > law.gain + 50.0
+    found = {(f.source.where, f.source.acts_on): set(f.signals) for f in both.functions}
+    assert found == {
+        ("coil.voltage", "input"): {"place.springs.position", "place.springs.velocity"},
+        ("springs", "connection"): {"place.springs.position", "coil.current"},
+    }
+    assert both.announced
+    assert "together account for" in both.sentence
+    assert [e["where"] for e in both.to_dict()["elsewhere"]] == [both.functions[1].source.where]
+
+
+def test_a_law_at_one_place_has_no_second(tmp_path) -> None:
+    """Of a small one: what a large one changes to second order may look as if it acted elsewhere."""
+    file = written(tmp_path, CARRIAGE, partial(carriage, strength=30.0), CARRIAGE_STUDY + RECORDS, seed=46)
+    likelihood = StageLikelihood(stage=Study.from_file(file).stage)
+    law = unknown_law(likelihood)
+    assert law is not None
+    assert at_a_second_place(likelihood, law) is law

@@ -13,17 +13,16 @@ from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import posterior
 from discrepancy.evidence.predictive import PredictiveGain
-from discrepancy.evidence.unknown_law import UnknownLaw
+from discrepancy.evidence.unknown_law import Source, StateFunction, UnknownLaw
 
 NAMED = "input_delay@drive"
 
 
 def law(where: str, gain: float) -> UnknownLaw:
     """Return a force without a name that gains so much, and passes all tests."""
+    source = Source(where=where, acts_on="connection", index=0, unit=1.0)
     return UnknownLaw(
-        where=where,
-        acts_on="connection",
-        depends_on=("cart.v",),
+        functions=(StateFunction(source=source, signals=("cart.v",), size=1.0),),
         gain=gain,
         log_odds=0.0,
         share={"cart.v": 0.5},
@@ -54,6 +53,7 @@ def answer_of(monkeypatch: pytest.MonkeyPatch, tried: dict[tuple[str, ...], Trie
     trials: Any = SimpleNamespace(tried=SimpleNamespace(state=state, models=tried, start=tried[()]))
     announcement = Announcement(trials)
     monkeypatch.setattr(Announcement, "_ask_for_unknown_law", lambda self, model: None)
+    monkeypatch.setattr(Announcement, "_ask_for_a_second_place", lambda self, model: None)
     monkeypatch.setattr("discrepancy.evidence.announcement.moves.drops", lambda model: [])
     return announcement._beside_unknown_law(tried[(NAMED,)])
 
