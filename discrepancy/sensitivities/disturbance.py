@@ -21,6 +21,7 @@ from discrepancy.sensitivities.force_process import (
     exponential_correlation,
     force_posterior,
     force_responses,
+    keep_matrices_of_all_places,
 )
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.low_rank_weighting import LowRankWeighting, low_rank_weighting
@@ -86,6 +87,7 @@ def accumulating_disturbance(linearised: LinearisedProblem) -> DisturbanceForce 
     """
     if not _accumulates(linearised):
         return None
+    keep_matrices_of_all_places(linearised)
     tried = [(place, _RandomForce.at(linearised, place)) for place in linearised.system.places]
     place, best = max(tried, key=lambda t: t[1].log_likelihood, default=(None, None))
     if place is None or best is None or not best.log_likelihood > 0.0:

@@ -18,12 +18,18 @@ from scipy.linalg import block_diag
 
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.hat_functions import even_hat_functions
-from estimation.response.perturbations import InputPerturbation
+from estimation.response.perturbations import InputPerturbation, cheaper_by_transition_matrices
 
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
 
-__all__ = ["ForceEquations", "exponential_correlation", "force_posterior", "force_responses"]
+__all__ = [
+    "ForceEquations",
+    "exponential_correlation",
+    "force_posterior",
+    "force_responses",
+    "keep_matrices_of_all_places",
+]
 
 #: Values of the force in a record, and in all records together.
 MOST_VALUES, MOST_VALUES_TOGETHER = 120, 720
@@ -34,6 +40,21 @@ FORCE_SIZES = tuple(np.geomspace(0.1, 30.0, 10))
 def _knots(time: np.ndarray, records: int) -> np.ndarray:
     count = int(min(MOST_VALUES, MOST_VALUES_TOGETHER // max(records, 1), time.size // 4))
     return np.linspace(time[0], time[-1], max(count, 8))
+
+
+def keep_matrices_of_all_places(linearised: LinearisedProblem) -> None:
+    """Integrate the state-transition matrices of every record with the forces at all places, where they will be used.
+
+    They are kept with the record.  Asked for one place after another, they would be integrated anew for each.
+    """
+    places = linearised.system.places
+    for i, experiment in enumerate(linearised.experiments):
+        time = np.array(experiment.record.time)
+        nothing = np.zeros(time.size)
+        forces = [InputPerturbation(f"probe.{place.name}", nothing) for place in places]
+        values = forces * len(_knots(time, len(linearised.experiments)))
+        if cheaper_by_transition_matrices(linearised.slim, values, time.size):
+            experiment.perturbation_response(linearised.slim, linearised.p, linearised.initial_state(i), forces)
 
 
 def force_responses(linearised: LinearisedProblem, place: Place, index: int) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,9 @@ outwards.  A Jacobian costs as much as many simulations, so between two of them 
 1965, in the metric of the column lengths; a piece that does not depend on some unknowns keeps their columns zero,
 Schubert 1970).  A fit ends on a new Jacobian only: no corrected one decides that it has converged.  Where an incomplete
 model leaves large residuals, their curvature matters too; without it the last steps only halve.  It is updated from one
-new Jacobian to the next (Dennis, Gay and Welsch 1981, ACM TOMS 7, 348).  Steps come from the small normal matrix with
+new Jacobian to the next (Dennis, Gay and Welsch 1981, ACM TOMS 7, 348).  Where unknowns make up for each other along a
+curved valley, a straight step leaves it, and is then bent by what the residuals show of the curve (geodesic
+acceleration: Transtrum and Sethna 2012, arXiv:1201.5885).  Steps come from the small normal matrix with
 columns scaled to unit length; as the residual itself is exact, the condition of that matrix limits the speed of the
 last digits and not their accuracy.
 """
@@ -25,6 +27,9 @@ FLAT = "the error hardly decreases any more"
 POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
 CORRECTIONS = 5  # steps on one Jacobian, at most
+STRAIGHT = 4  # Jacobians that a fit takes which follows no valley: no step of these is bent, which costs a simulation
+BENT = 0.75  # share of the predicted decrease below which a step is bent
+SHARPEST = 0.75  # length of the bend as a share of the step's, from which the step is only made shorter
 
 
 @dataclass
@@ -154,6 +159,15 @@ def solve(
             errors = residuals(trial)
             evaluations += 1
             reached = np.inf if errors is None else _cost(errors)
+            far = jacobians > STRAIGHT and evaluations < max_evaluations
+            if far and errors is not None and current - reached < BENT * predicted:
+                within = free & (trial > low) & (trial < high)
+                bent = np.clip(_bent(rows, errors, x, trial, normal, within, damping * longest**2), low, high)
+                if not np.array_equal(bent, trial):
+                    there = residuals(bent)
+                    evaluations += 1
+                    if there is not None and _cost(there) < reached:
+                        trial, errors, reached, change = bent, there, _cost(there), bent - x
             if errors is not None and reached < current:
                 gain = (current - reached) / predicted
                 damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
@@ -175,6 +189,36 @@ def solve(
             )
         rows = list(pieces(x))
         corrected, jacobians = 0, jacobians + 1
+
+
+def _bent(
+    rows: Sequence[Piece],
+    errors: Sequence[np.ndarray],
+    x: np.ndarray,
+    trial: np.ndarray,
+    normal: np.ndarray,
+    within: np.ndarray,
+    damping: np.ndarray,
+) -> np.ndarray:
+    """Return a step's end moved by what the residuals there show of their curvature; the same end where that is sharp.
+
+    Along the step d the residuals are r + J d + c: the bend is the damped step that takes c away.
+    """
+    index, step = np.flatnonzero(within), trial - x
+    if not index.size:
+        return trial
+    pull = np.zeros(x.size)
+    for row, residual in zip(rows, errors, strict=True):
+        pull[row.columns] += row.jacobian.T @ (residual - row.residual - row.jacobian @ step[row.columns])
+    size = np.sqrt(np.diag(normal))
+    scale = size[index]
+    scaled = normal[np.ix_(index, index)] / np.outer(scale, scale)
+    bend = -np.linalg.solve(scaled + np.diag(damping[index] / scale**2 + 1e-14), pull[index] / scale)
+    if not np.linalg.norm(bend) < SHARPEST * np.linalg.norm(size * step):
+        return trial
+    end = trial.copy()
+    end[index] += bend / scale
+    return end
 
 
 def _cost(residuals: Iterable[np.ndarray]) -> float:

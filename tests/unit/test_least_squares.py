@@ -65,6 +65,23 @@ def test_corrected_jacobians_save_new_ones():
     assert mine.evaluations >= mine.jacobians + 2
 
 
+@pytest.mark.parametrize(("steepness", "most"), [(100.0, 25), (1000.0, 60)])
+def test_steps_follow_a_curved_valley(steepness, most):
+    """Rosenbrock's valley, the steeper the narrower: straight steps need 40 and 162 Jacobians."""
+
+    def residuals(x):
+        return [np.array([steepness * (x[1] - x[0] ** 2), 1.0 - x[0]])]
+
+    def pieces(x):
+        slopes = np.array([[-2.0 * steepness * x[0], steepness], [-1.0, 0.0]])
+        yield Piece(slopes, np.array([0, 1]), residuals(x)[0])
+
+    bounds = np.full(2, -9.0), np.full(2, 9.0)
+    solution = solve(residuals, pieces, np.array([-1.5, 1.0]), *bounds, tolerance=1e-9, max_evaluations=1000)
+    assert solution.x == pytest.approx([1.0, 1.0], abs=1e-9)
+    assert solution.jacobians <= most
+
+
 def test_a_failed_simulation_is_a_bad_step_and_not_the_end():
     data = decay([2.0, 0.7, 5.0])
     residuals, pieces = problem(data)
