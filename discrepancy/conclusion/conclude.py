@@ -9,6 +9,7 @@ import numpy as np
 
 from discrepancy.conclusion.conclusion import Conclusion, HiddenEffect, NegligibleEffect, RefusedEffect
 from discrepancy.conclusion.sentences import (
+    Unconfirmed,
     answer,
     check_sentence,
     curve_statement,
@@ -83,8 +84,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     uneven = _uneven(state, by_evidence)
     law = _unknown_law(by_evidence)
     follows = law is not None and law.announced
-    unconfirmed = _unconfirmed(by_evidence) if not accepted else ""
-    if failed or uneven or follows or unconfirmed:
+    unconfirmed = _unconfirmed(state, by_evidence) if not accepted else None
+    if failed or uneven or follows or unconfirmed is not None:
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
     elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
         verdict = "partly explained"
@@ -125,7 +126,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         warnings += [state.untested] if state.untested else []
         verdict = verdict if accepted else ""
     judged_on = "validate" if stages[min(1, len(stages) - 1)].fits("validate") else "identify"
-    if curve is not None and not accepted and not unconfirmed:
+    if curve is not None and not accepted and unconfirmed is None:
         sentences = [curve.statement + poor_fit_note(last, verdict)]
     else:
         said = answer(stages, hidden, negligible, judged_on, verdict, unconfirmed)
@@ -228,16 +229,30 @@ def _unknown_law(by_evidence: EvidenceSearch | None) -> UnknownLaw | None:
     return taken.unknown_law if taken is not None else None
 
 
-def _unconfirmed(by_evidence: EvidenceSearch | None) -> str:
-    """Return the most probable effects that the records held out do not confirm; empty where nothing is likelier."""
-    if by_evidence is None or not by_evidence.announcement.unconfirmed:
-        return ""
+def _unconfirmed(state: SearchState, by_evidence: EvidenceSearch | None) -> Unconfirmed | None:
+    """Return the effects that are most probable, and that the records held out do not confirm; None without any.
+
+    A search by significance has some where an output of these is predicted better and another worse: something is
+    missing, and it is not what was tried.
+    """
+    if by_evidence is None:
+        if not state.taken_back:
+            return None
+        names = [title_of_name(each.name) for each in reversed(state.taken_back)]
+        worse = list(dict.fromkeys(output for each in state.taken_back for output in each.worse))
+        is_predicted = "is predicted" if len(worse) == 1 else "are predicted"
+        them = "that" if len(names) == 1 else "them"
+        why = f"{listed(worse)} of the records held out {is_predicted} worse with {them}"
+        return Unconfirmed(listed(names), why)
+    if not by_evidence.announcement.unconfirmed:
+        return None
     probabilities = _probabilities(by_evidence, "")
     assert probabilities is not None
     if probabilities.models.get((), 0.0) > 0.5:
-        return ""
+        return None
     most = max((m for m in by_evidence.tried.models.values() if m.unconfirmed), key=lambda m: m.total)
-    return listed([title_of_name(name) for name in most.key])
+    names = [title_of_name(name) for name in most.key]
+    return Unconfirmed(listed(names), "the records held out are not predicted better with that")
 
 
 def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterior | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +25,7 @@ from discrepancy.statistics.thresholds import SHOWN_GROWTH
 from multibody.base.quantity_text import quantity_text, two_quantities_text
 
 __all__ = [
+    "Unconfirmed",
     "answer",
     "check_sentence",
     "curve_statement",
@@ -56,6 +58,14 @@ SAME_ERROR = 0.01
 MOST_CHECKS = 6
 
 _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
+
+
+@dataclass(frozen=True)
+class Unconfirmed:
+    """Effects for which the records speak, and that are not announced: their names in words, and why not."""
+
+    names: str
+    why: str
 
 
 def kind_title(kind: str) -> str:
@@ -105,7 +115,7 @@ def answer(
     negligible: Sequence[NegligibleEffect],
     judged_on: str,
     verdict: str = "",
-    unconfirmed: str = "",
+    unconfirmed: Unconfirmed | None = None,
 ) -> str:
     """Return the answer in two or three sentences.
 
@@ -121,14 +131,14 @@ def answer(
         Records on which the explained share is computed.
     verdict : str
         Of the conclusion.
-    unconfirmed : str
+    unconfirmed : Unconfirmed, optional
         The effects that the verdict "unknown effect" rests on, where the records held out did not confirm them.
     """
     accepted = [s.accepted for s in stages if s.accepted is not None]
-    if not accepted and verdict == "unknown effect" and unconfirmed:
+    if not accepted and verdict == "unknown effect" and unconfirmed is not None:
         return (
-            f"Something is missing. It looks most like {unconfirmed}, but the records held out are not predicted "
-            "better with that, so it counts as unknown." + negligible_sentence(negligible)
+            f"Something is missing. It looks most like {unconfirmed.names}, but {unconfirmed.why}, so it counts as "
+            "unknown." + negligible_sentence(negligible)
         )
     if not accepted and verdict == "unknown effect":
         return "Something is missing that no effect of the catalogue explains." + negligible_sentence(negligible)

@@ -25,11 +25,18 @@ from discrepancy.search.omnibus import omnibus_of_stage
 from discrepancy.search.policy import POLICY
 from discrepancy.search.prior_conflict_test import find_prior_conflict
 from discrepancy.search.scoring import ScanSettings, score_candidates
-from discrepancy.search.state import SearchState
+from discrepancy.search.state import SearchState, TakenBack
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.held_out_errors import held_out_gain_of_errors, simulated_worse
 from discrepancy.stages.stage import AcceptedEffect, Stage
-from discrepancy.statistics.thresholds import DECISIVE_BIC, HARMFUL_SHARE, LEVEL_SHARES, SHOWN_GROWTH, SIMULATION_ERRORS
+from discrepancy.statistics.thresholds import (
+    DECISIVE_BIC,
+    HARMFUL_SHARE,
+    LEVEL_SHARES,
+    RELEVANT_SHARE,
+    SHOWN_GROWTH,
+    SIMULATION_ERRORS,
+)
 from multibody.base.errors import SimulationError
 
 __all__ = ["Search"]
@@ -242,13 +249,17 @@ class Search:
             count = 2 if stages[-2].half_of_masking_pair else 1
             before = stages[-1 - count]
             gain = held_out_gain_of_errors(stages[-1], before)
-            worse = gain.harms(HARMFUL_SHARE, SIMULATION_ERRORS) or simulated_worse(
-                stages[-1], calibrated, SHOWN_GROWTH
-            )
+            worse = {*gain.worse(HARMFUL_SHARE, SIMULATION_ERRORS)}
+            worse |= {*simulated_worse(stages[-1], calibrated, SHOWN_GROWTH)}
             if accepted.effect.definition.free_form or not worse:
                 return
             note = f"{accepted.effect} is not announced: records held out are predicted worse with it"
             self.state.progress(f"{note} (square error gone: {gain})")
+            better = gain.better(RELEVANT_SHARE, SIMULATION_ERRORS)
+            if better:
+                name = f"{accepted.effect.kind}@{accepted.effect.where}"
+                outputs = tuple(n for n in gain.outputs if n in worse)
+                self.state.taken_back.append(TakenBack(name=name, better=better, worse=outputs))
             stages[-1 - count :] = [replace(before, notes=(*before.notes, note))]
             self.state.save()
 

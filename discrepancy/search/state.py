@@ -42,6 +42,23 @@ Answer = TypeVar("Answer")
 SLOWER = 30
 
 
+@dataclass(frozen=True, kw_only=True)
+class TakenBack:
+    """An effect that was significant, and that is not announced.
+
+    Parameters
+    ----------
+    name : str
+        As ``kind@where``.
+    better, worse : tuple of str
+        Outputs of the records held out whose error is clearly smaller with it, and larger.
+    """
+
+    name: str
+    better: tuple[str, ...]
+    worse: tuple[str, ...]
+
+
 @dataclass
 class SearchState:
     """A model compared with records, and every stage of the search for what it lacks.
@@ -80,6 +97,8 @@ class SearchState:
         Questions that the latest stage could not answer, because its model could not be simulated for them.
     not_tried : list of str
         What the search left out because it had reached its time limit.
+    taken_back : list of TakenBack
+        Effects that were significant and not announced, because they make a prediction of records held out worse.
 
     Attributes
     ----------
@@ -104,6 +123,7 @@ class SearchState:
     unanswered: list[str] = field(default_factory=list, kw_only=True)
     remarks: list[str] = field(default_factory=list, kw_only=True)
     not_tried: list[str] = field(default_factory=list, kw_only=True)
+    taken_back: list[TakenBack] = field(default_factory=list, kw_only=True)
 
     def __post_init__(self) -> None:
         self.given = self.problem
@@ -163,6 +183,7 @@ class SearchState:
         self.stages.clear()
         self.decisions.clear()
         self.unanswered.clear()
+        self.taken_back.clear()
         self.omnibus = None
         return True
 

@@ -41,20 +41,30 @@ class SimulationGain:
 
     def helps(self, least: float, errors: float) -> bool:
         """Tell whether some output is simulated better by at least so large a share and so many standard errors."""
-        return bool(np.any((self.share >= least) & (self.share > errors * self.standard_error)))
+        return bool(self.better(least, errors))
+
+    def better(self, least: float, errors: float) -> tuple[str, ...]:
+        """Return the outputs that are simulated better by at least so large a share and so many standard errors."""
+        found = (self.share >= least) & (self.share > errors * self.standard_error)
+        return tuple(n for n, is_better in zip(self.outputs, found, strict=True) if is_better)
+
+    def worse(self, least: float, errors: float) -> tuple[str, ...]:
+        """Return the outputs that are simulated worse by at least so large a share and so many standard errors.
+
+        A single block shows no scatter: `in_normal_errors` is infinite then, and no output counts as worse.
+        """
+        if np.isinf(errors):
+            return ()
+        found = (-self.share >= least) & (-self.share > errors * self.standard_error)
+        return tuple(n for n, is_worse in zip(self.outputs, found, strict=True) if is_worse)
 
     def rules_out(self, least: float, errors: float) -> np.ndarray:
         """Tell of each output whether an improvement by so large a share is out of so many standard errors' reach."""
         return self.share + errors * self.standard_error < least
 
     def harms(self, least: float, errors: float) -> bool:
-        """Tell whether some output is simulated worse by at least so large a share and so many standard errors.
-
-        A single block shows no scatter: `in_normal_errors` is infinite then, and no output counts as worse.
-        """
-        if np.isinf(errors):
-            return False
-        return bool(np.any((-self.share >= least) & (-self.share > errors * self.standard_error)))
+        """Tell whether some output is simulated worse by at least so large a share and so many standard errors."""
+        return bool(self.worse(least, errors))
 
 
 def gain_of_errors(outputs: tuple[str, ...], one: np.ndarray, other: np.ndarray) -> SimulationGain:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from discrepancy.conclusion.conclude import _unconfirmed
 from discrepancy.search import loop
 from discrepancy.stages.held_out_errors import SimulationGain
 
@@ -25,11 +27,21 @@ class MadeStage:
 
     @property
     def accepted(self) -> object:
-        effect = SimpleNamespace(definition=SimpleNamespace(free_form=self.free_form))
+        effect = SimpleNamespace(
+            definition=SimpleNamespace(free_form=self.free_form), kind="coulomb_friction", where=self.name
+        )
         return SimpleNamespace(effect=effect) if self.name != "recalibrated" else None
 
     def rmse(self, part: str) -> dict[str, float]:
         return {"y": self.error**0.5}
+
+
+def search_after(monkeypatch: pytest.MonkeyPatch, gain_of: Callable, *stages: MadeStage) -> SimpleNamespace:
+    """Return the state of a search that has taken back what does harm."""
+    monkeypatch.setattr(loop, "held_out_gain_of_errors", gain_of)
+    state = SimpleNamespace(stages=list(stages), progress=lambda _: None, save=lambda: None, taken_back=[])
+    loop.Search(state)._drop_harmful()
+    return state
 
 
 def kept(monkeypatch: pytest.MonkeyPatch, *stages: MadeStage, scatter: float = 0.01) -> list[str]:
@@ -37,10 +49,7 @@ def kept(monkeypatch: pytest.MonkeyPatch, *stages: MadeStage, scatter: float = 0
         share, error = np.array([1.0 - one.error / other.error]), np.array([scatter])
         return SimulationGain(outputs=("y",), share=share, standard_error=error, blocks=4)
 
-    monkeypatch.setattr(loop, "held_out_gain_of_errors", gain)
-    state = SimpleNamespace(stages=list(stages), progress=lambda _: None, save=lambda: None)
-    loop.Search(state)._drop_harmful()
-    return [s.name for s in state.stages]
+    return [s.name for s in search_after(monkeypatch, gain, *stages).stages]
 
 
 GIVEN, CALIBRATED = MadeStage("recalibrated", 9.0), MadeStage("recalibrated", 5.0)
@@ -69,3 +78,20 @@ def test_a_masking_pair_goes_as_a_whole_or_stays(monkeypatch: pytest.MonkeyPatch
     first = MadeStage("first", 7.0, half_of_masking_pair=True)
     assert kept(monkeypatch, GIVEN, CALIBRATED, first, MadeStage("second", 6.0))[-1] == "recalibrated"
     assert kept(monkeypatch, GIVEN, CALIBRATED, first, MadeStage("second", 4.0))[-1] == "second"
+
+
+@pytest.mark.parametrize(("share_of_speed", "told"), [(0.4, True), (0.01, False), (-0.1, False)])
+def test_what_predicts_one_output_better_and_another_worse_shows_that_something_is_missing(
+    monkeypatch: pytest.MonkeyPatch, share_of_speed: float, told: bool
+) -> None:
+    def gain(one: MadeStage, other: MadeStage) -> SimulationGain:
+        share, error = np.array([share_of_speed, -0.5]), np.array([0.02, 0.06])
+        return SimulationGain(outputs=("speed", "force"), share=share, standard_error=error, blocks=4)
+
+    state = search_after(monkeypatch, gain, GIVEN, CALIBRATED, MadeStage("guide", 4.0))
+    assert state.stages[-1].name == "recalibrated"
+    said = _unconfirmed(state, None)
+    assert (said is not None) is told
+    if said is not None:
+        assert said.names == "dry (Coulomb) friction at guide"
+        assert said.why == "force of the records held out is predicted worse with that"
