@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from discrepancy.conclusion.sentences import answer, probability_sentence
+from discrepancy.conclusion.sentences import Unconfirmed, answer, probability_sentence
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_prior_of_strengths
 from discrepancy.evidence.moves import TriedModel, key_of
@@ -179,6 +179,7 @@ def test_an_effect_that_the_records_held_out_do_not_confirm_keeps_its_probabilit
 
 
 def test_what_is_not_confirmed_is_said_and_not_named() -> None:
-    text = answer((), (), (), "validate", "unknown effect", "end stop at posts")
+    unconfirmed = Unconfirmed("end stop at posts", "the records held out are not predicted better with that")
+    text = answer((), (), (), "validate", "unknown effect", unconfirmed)
     assert text.startswith("Something is missing. It looks most like end stop at posts, but the records held out are ")
     assert "no effect of the catalogue" not in text
