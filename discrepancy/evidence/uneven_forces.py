@@ -16,6 +16,7 @@ from discrepancy.evidence.likelihood import StageLikelihood, fitted_noise, recor
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel
+from multibody.base.quantity_text import quantity_text
 
 __all__ = ["UnevenForce", "uneven_random_forces"]
 
@@ -142,8 +143,10 @@ def _regimes(likelihood: StageLikelihood) -> dict[str, list[_Regime]]:
     linearised, records = likelihood.linearised, likelihood.noise.records
     regimes: dict[str, list[_Regime]] = {}
     for place in linearised.system.places:
-        names = [n for n, _ in place.motion_names()]
-        for what, own in zip(("position", "speed"), names, strict=False):
+        (position, unit_of_position), (rate, unit_of_rate), _ = place.motion_names()
+        of_position = "an angle" if position == "angle" else f"a {position}"
+        asked = ((of_position, position, unit_of_position), ("a speed", rate, unit_of_rate))
+        for what, own, unit in asked:
             signals = [_along(likelihood, i, r, f"place.{place.name}.{own}") for i, r in enumerate(records)]
             pooled = np.concatenate(signals)
             width = WIDTH * float(np.ptp(pooled))
@@ -151,11 +154,12 @@ def _regimes(likelihood: StageLikelihood) -> dict[str, list[_Regime]]:
                 continue
             for share in EDGES:
                 edge = float(np.quantile(pooled, share))
+                text = quantity_text(edge, unit)
                 above = [0.5 * (1.0 + np.tanh(0.5 * (s - edge) / width)) for s in signals]
                 regimes.setdefault(place.name, []).extend(
                     (
-                        _Regime(what=f"a {what} of {place.name} above {edge:.3g}", weights=above),
-                        _Regime(what=f"a {what} of {place.name} below {edge:.3g}", weights=[1.0 - a for a in above]),
+                        _Regime(what=f"{what} of {place.name} above {text}", weights=above),
+                        _Regime(what=f"{what} of {place.name} below {text}", weights=[1.0 - a for a in above]),
                     )
                 )
     return regimes

@@ -83,7 +83,8 @@ def unknown_law(likelihood: StageLikelihood) -> UnknownLaw | None:
 def at_a_second_place(likelihood: StageLikelihood, law: UnknownLaw) -> UnknownLaw:
     """Return an unknown law that acts at a second place as well, if that is more probable; else the law as it is.
 
-    A force constant that falls with the place changes the force, and the voltage that the motion induces.
+    A force constant that falls with the place changes the force, and the voltage that the motion induces.  What may be
+    announced is not given up for what may not, because it changes too little.
 
     Parameters
     ----------
