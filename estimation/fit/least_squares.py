@@ -27,8 +27,8 @@ FLAT = "the error hardly decreases any more"
 POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
 CORRECTIONS = 5  # steps on one Jacobian, at most
-STRAIGHT = 4  # Jacobians that a fit takes which follows no valley: no step of these is bent, which costs a simulation
-BENT = 0.75  # share of the predicted decrease below which a step is bent
+VALLEY = 10.0  # what a step's unknowns change one by one, over what they change together: there it may be bent
+BENT = 0.75  # share of the predicted decrease below which such a step is bent, which costs a simulation
 SHARPEST = 0.75  # length of the bend as a share of the step's, from which the step is only made shorter
 
 
@@ -159,8 +159,9 @@ def solve(
             errors = residuals(trial)
             evaluations += 1
             reached = np.inf if errors is None else _cost(errors)
-            far = jacobians > STRAIGHT and evaluations < max_evaluations
-            if far and errors is not None and current - reached < BENT * predicted:
+            valley = np.linalg.norm(size * change) > VALLEY * np.sqrt(change @ normal @ change)
+            asked = bool(valley) and evaluations < max_evaluations
+            if asked and errors is not None and current - reached < BENT * predicted:
                 within = free & (trial > low) & (trial < high)
                 bent = np.clip(_bent(rows, errors, x, trial, normal, within, damping * longest**2), low, high)
                 if not np.array_equal(bent, trial):
