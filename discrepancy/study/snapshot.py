@@ -23,7 +23,7 @@ VALUES = (
     "omnibus",
     "answer",
 )
-LISTS = ("stages", "decisions", "unanswered", "not_tried", "left_out", "priors")
+LISTS = ("stages", "decisions", "unanswered", "not_tried", "taken_back", "left_out", "priors")
 
 
 class Snapshot:

@@ -278,7 +278,7 @@ class Study(SearchState):
         self.problem = self.given = with_priors(without_stretches(self.source, stretches), priors)
         self.left_out[:], self.priors[:] = list(stretches), list(priors)
         self.prepared, self.in_windows_instead, self.answer = None, False, {}
-        for forgotten in (self.stages, self.decisions, self.unanswered):
+        for forgotten in (self.stages, self.decisions, self.unanswered, self.taken_back):
             forgotten.clear()
 
     # ---------------------------------------------------------------- steps back and forth

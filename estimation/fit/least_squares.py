@@ -28,6 +28,7 @@ POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacob
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
 CORRECTIONS = 5  # steps on one Jacobian, at most
 VALLEY = 10.0  # what a step's unknowns change one by one, over what they change together: there it may be bent
+STRAIGHT = 4  # Jacobians that suffice without a valley: in 95 % of 557 fits on six machines
 BENT = 0.75  # share of the predicted decrease below which such a step is bent, which costs a simulation
 SHARPEST = 0.75  # length of the bend as a share of the step's, from which the step is only made shorter
 
@@ -160,7 +161,7 @@ def solve(
             evaluations += 1
             reached = np.inf if errors is None else _cost(errors)
             valley = np.linalg.norm(size * change) > VALLEY * np.sqrt(change @ normal @ change)
-            asked = bool(valley) and evaluations < max_evaluations
+            asked = bool(valley) and jacobians > STRAIGHT and evaluations < max_evaluations
             if asked and errors is not None and current - reached < BENT * predicted:
                 within = free & (trial > low) & (trial < high)
                 bent = np.clip(_bent(rows, errors, x, trial, normal, within, damping * longest**2), low, high)
