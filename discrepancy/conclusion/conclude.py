@@ -241,8 +241,8 @@ def _unconfirmed(state: SearchState, by_evidence: EvidenceSearch | None) -> Unco
         names = [title_of_name(each.name) for each in reversed(state.taken_back)]
         worse = list(dict.fromkeys(output for each in state.taken_back for output in each.worse))
         is_predicted = "is predicted" if len(worse) == 1 else "are predicted"
-        them = "that" if len(names) == 1 else "them"
-        why = f"{listed(worse)} of the records held out {is_predicted} worse with {them}"
+        it = "it" if len(names) == 1 else "them"
+        why = f"{listed(worse)} {is_predicted} worse with {it} on the records held out"
         return Unconfirmed(listed(names), why)
     if not by_evidence.announcement.unconfirmed:
         return None

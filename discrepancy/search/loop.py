@@ -244,6 +244,7 @@ class Search:
         force without a law is no name, and stays.
         """
         stages = self.state.stages
+        self.state.taken_back.clear()  # of an earlier search
         calibrated = next(s for s in reversed(stages) if s.accepted is None)
         while (accepted := stages[-1].accepted) is not None and stages[-1].validate is not None:
             count = 2 if stages[-2].half_of_masking_pair else 1
@@ -256,9 +257,10 @@ class Search:
             note = f"{accepted.effect} is not announced: records held out are predicted worse with it"
             self.state.progress(f"{note} (square error gone: {gain})")
             better = gain.better(RELEVANT_SHARE, SIMULATION_ERRORS)
-            if better:
-                name = f"{accepted.effect.kind}@{accepted.effect.where}"
+            effects = [s.accepted.effect for s in reversed(stages[-count:]) if s.accepted is not None]
+            for effect in effects if better else ():
                 outputs = tuple(n for n in gain.outputs if n in worse)
+                name = f"{effect.kind}@{effect.where}"
                 self.state.taken_back.append(TakenBack(name=name, better=better, worse=outputs))
             stages[-1 - count :] = [replace(before, notes=(*before.notes, note))]
             self.state.save()

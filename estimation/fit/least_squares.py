@@ -27,10 +27,10 @@ FLAT = "the error hardly decreases any more"
 POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
 CORRECTIONS = 5  # steps on one Jacobian, at most
-VALLEY = 10.0  # what a step's unknowns change one by one, over what they change together: there it may be bent
+VALLEY = 10.0  # what a step's unknowns change one by one, over what they change together, if it may be bent; chosen
 STRAIGHT = 4  # Jacobians that suffice without a valley: in 95 % of 557 fits on six machines
-BENT = 0.75  # share of the predicted decrease below which such a step is bent, which costs a simulation
-SHARPEST = 0.75  # length of the bend as a share of the step's, from which the step is only made shorter
+BENT = 0.75  # share of the predicted decrease below which such a step is bent, which costs a simulation; chosen
+SHARPEST = 0.75  # length of the bend as a share of the step's, from which it is not bent; chosen
 
 
 @dataclass

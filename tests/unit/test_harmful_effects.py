@@ -94,4 +94,4 @@ def test_what_predicts_one_output_better_and_another_worse_shows_that_something_
     assert (said is not None) is told
     if said is not None:
         assert said.names == "dry (Coulomb) friction at guide"
-        assert said.why == "force of the records held out is predicted worse with that"
+        assert said.why == "force is predicted worse with it on the records held out"
