@@ -144,14 +144,14 @@ class UnknownLaw:
     @property
     def sentence(self) -> str:
         """What it says."""
-        what = ", and ".join(f.in_words for f in self.functions)
+        what = ", and as ".join(f.in_words for f in self.functions)
         output, share = max(self.share.items(), key=lambda t: t[1])
-        accounts = f"{100.0 * min(share, 1.0):.0f} % of the mean square error of {output}"
+        share_of = f"{100.0 * min(share, 1.0):.0f} % of the mean square error of {output}"
         gain = f"{self.predictive.gain:.0f} ± {self.predictive.standard_error:.0f} nats"
-        verb = "accounts" if len(self.functions) == 1 else "together account"
+        accounts_for = ", and accounts for" if len(self.functions) == 1 else "; together they account for"
         return (
             "Something follows the machine's state by no law of the catalogue. It is best described as "
-            f"{what}, and {verb} for {accounts} (log evidence {self.gain:+.0f}; "
+            f"{what}{accounts_for} {share_of} (log evidence {self.gain:+.0f}; "
             f"blocks of the records that were left out are predicted better by {gain})."
         )
 

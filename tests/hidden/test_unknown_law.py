@@ -185,7 +185,7 @@ def test_one_law_that_acts_at_two_places_is_found_at_both(tmp_path) -> None:
         ("springs", "connection"): {"place.springs.position", "coil.current"},
     }
     assert both.announced
-    assert "together account for" in both.sentence
+    assert "; together they account for" in both.sentence
     assert [e["where"] for e in both.to_dict()["elsewhere"]] == [both.functions[1].source.where]
 
 
