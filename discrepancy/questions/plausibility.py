@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.problem.problem import Problem, noise_floors
-from discrepancy.problem.start_states import at_rest
+from discrepancy.problem.start_at_rest import contradicting_positions, contradiction_text, start_at_rest
 from discrepancy.questions.scales import compare_scales
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
@@ -34,9 +34,6 @@ NARROWED = 0.7
 #: Share of the largest information below which derivatives of integrations tell nothing: their errors, 1e-6 and
 #: more, squared.
 LEAST_INFORMATION = 1e-12
-#: Error of an output, by its spread, from which the start is looked at, and the share of the mean squares that may be
-#: left where the machine starts at rest in its place; chosen.
-FAR_START, BETTER = 0.2, 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +120,8 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
                 "[initial]"
             )
             break
+    if outputs := contradicting_positions(problem):
+        notes.warnings.append(contradiction_text(outputs))
     if len(responses) == len(problem.identify):
         scales = compare_scales(problem.identify, responses)
         notes.faults += scales.faults
@@ -173,37 +172,24 @@ def _records(experiments: Sequence[Experiment], notes: _Notes) -> None:
 
 def _start(e: Experiment, system: System, p: np.ndarray, response: Response, notes: _Notes) -> None:
     """Tell where a record follows the model far better from rest than from its start values: a slack rope, say."""
-    size = np.maximum(e.measured.std(axis=0), 1e-300)
-    before = np.sqrt(np.mean((response.outputs - e.measured) ** 2, axis=0))
-    if not np.any(before > FAR_START * size):
+    start = start_at_rest(e, system, p, response.outputs)
+    if start is None:
         return
-    places = [system.state_names[k] for k in system.rate_states]
-    guessed = [n for n in places if n not in e.outputs]
-    for states, whole in ((guessed, False), (places, False), (places, True)):
-        try:
-            resting = at_rest(e, system, states, p, whole=whole)
-            after = np.sqrt(np.mean((resting.simulate(system, p) - e.measured) ** 2, axis=0))
-        except SimulationError:
-            continue
-        if np.sum((after / size) ** 2) < BETTER * np.sum((before / size) ** 2):
-            break
-    else:
-        return
-    x0, rest = e.start_vector(system), resting.start_vector(system)
-    moved = {n: abs(float((rest - x0)[system.index("state", n)])) for n in places}
-    most = sorted((n for n in places if moved[n] > 0.01 * max(moved.values())), key=lambda n: -moved[n])[:3]
+    distance = {n: abs(rest - begun) for n, (begun, rest) in start.moved.items()}
+    most = sorted((n for n in distance if distance[n] > 0.01 * max(distance.values())), key=lambda n: -distance[n])[:3]
     given = ", ".join(
-        f"'{n}' at {rest[k]:.6g} {system.unit(n)} in place of {x0[k]:.6g}"
+        f"'{n}' at {rest:.6g} {system.unit(n)} in place of {begun:.6g}"
         for n in most
-        if (k := system.index("state", n)) >= 0
+        for begun, rest in [start.moved[n]]
     )
-    c = int(np.argmax(before / size))
+    c = int(np.argmax(start.before / np.maximum(e.measured.std(axis=0), 1e-300)))
     name, of = e.outputs[c], system.unit(e.outputs[c])
     say = ", ".join(f'"{n}" = "equilibrium"' for n in most)
     notes.warnings.append(
         f"record '{e.name}' seems to start at rest, and its start values are elsewhere (a slack rope, a spring far "
-        f"from its load): with {given}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in "
-        f"[initial] say {say}, or give expressions of what was measured, or numbers for each record"
+        f"from its load): with {given}, the error of '{name}' is {start.after[c]:.3g} {of} and not "
+        f"{start.before[c]:.3g} {of}: in [initial] say {say}, or give expressions of what was measured, or numbers for "
+        "each record"
     )
 
 

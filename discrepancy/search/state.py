@@ -162,8 +162,20 @@ class SearchState:
         from discrepancy.residual.sections import in_sections
 
         if self.prepared is None:
-            self.given = in_sections(self.problem, self.progress)
+            self.given = in_sections(self._with_zeros(), self.progress)
             self._take(prepared_problem(self.given, self.progress))
+
+    def _with_zeros(self) -> Problem:
+        """Return the problem, with the zeros of recorded positions unknown where these contradict each other."""
+        from discrepancy.problem.start_at_rest import contradicting_positions, contradiction_text, with_own_zeros
+
+        outputs = contradicting_positions(self.problem)
+        if not outputs:
+            return self.problem
+        if (text := contradiction_text(outputs)) not in self.remarks:
+            self.progress(text)
+            self.remarks.append(text)
+        return with_own_zeros(self.problem, outputs)
 
     def _take(self, prepared: PreparedProblem) -> None:
         from discrepancy.residual.tolerances import with_tolerances
