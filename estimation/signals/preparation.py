@@ -18,7 +18,8 @@ _ORDER = 4
 _DECIMATION_MARGIN = 0.8
 """Share of the new Nyquist frequency at which the low-pass of a decimation is set when none is given."""
 
-_MANY, _SHORT, _ROWS = 256, 4096, 32  # columns from which, and samples up to which, matrices replace the filter
+_MANY, _ROWS = 256, 32  # columns from which matrices replace the filter, and the rows of each
+_SHORT = (1024, 2048, 4096)  # samples of which matrices are made, if the filter's reach allows it; chosen
 _LEAST_WEIGHT = 1e-13
 
 
@@ -91,18 +92,46 @@ def low_pass(time: np.ndarray, values: np.ndarray, cutoff_hz: float) -> np.ndarr
 
 
 @lru_cache(maxsize=32)
-def _decimation(count: int, cutoff: float, edge: int, decimate: int) -> list[tuple[slice, np.ndarray]]:
+def _decimation(count: int, cutoff: float, edge: int, decimate: int) -> list[tuple[slice, np.ndarray]] | None:
     """Return low-pass and decimation of ``count`` samples as matrices, each with the samples that it takes.
 
     Filtering is linear: for hundreds of columns, of which one sample in several is kept, products with what the filter
-    does to single samples are many times cheaper.  Samples from which less than `_LEAST_WEIGHT` of the largest
-    share comes are left out.
+    does to single samples are many times cheaper.  Far from both ends that is the same everywhere, so that the matrices
+    of a short signal are those of a long one, the middle one repeated.
+
+    None where the filter reaches too far for that.
 
     Parameters
     ----------
     count, edge, decimate : int
     cutoff : float
         As a share of half the sampling rate.
+    """
+    step = _ROWS * decimate
+    for most in _SHORT:
+        repeated = max(0, -(-(count - most) // step))
+        short = count - repeated * step
+        if short <= 2 * edge + step:
+            continue
+        parts = _matrices(short, cutoff, edge, decimate)
+        middle = len(parts) // 2
+        rows, weights = parts[middle]
+        if not repeated:
+            return parts
+        if rows.start > 0 and rows.stop < short:
+            between = [(_later(rows, k * step), weights) for k in range(repeated)]
+            return [*parts[:middle], *between, *((_later(r, repeated * step), w) for r, w in parts[middle:])]
+    return None
+
+
+def _later(rows: slice, samples: int) -> slice:
+    return slice(rows.start + samples, rows.stop + samples)
+
+
+def _matrices(count: int, cutoff: float, edge: int, decimate: int) -> list[tuple[slice, np.ndarray]]:
+    """Return the same of a short signal, `_ROWS` rows each, from the filter's response to every sample.
+
+    Samples from which less than `_LEAST_WEIGHT` of the largest share comes are left out.
     """
     whole = low_pass(np.arange(count, dtype=float), np.eye(count), 0.5 * cutoff)[edge : count - edge : decimate]
     counts = np.abs(whole) > _LEAST_WEIGHT * np.max(np.abs(whole))
@@ -250,9 +279,10 @@ class Preparation:
             )
         if cutoff is None:
             return time[kept].copy(), values[kept].copy()
-        if values.ndim == 2 and values.shape[1] > _MANY and self.decimate > 1 and len(time) <= _SHORT:
+        if values.ndim == 2 and values.shape[1] > _MANY and self.decimate > 1:
             parts = _decimation(len(time), round(2.0 * cutoff / rate, 12), edge, self.decimate)
-            return time[kept], np.concatenate([weights @ values[rows] for rows, weights in parts])
+            if parts is not None:
+                return time[kept], np.concatenate([weights @ values[rows] for rows, weights in parts])
         return time[kept], low_pass(time, values, cutoff)[kept]
 
     def describe(self, rate: float) -> tuple[str, ...]:

@@ -76,6 +76,20 @@ def test_decimation_removes_what_would_fold():
         Preparation(decimate=10, low_pass_hz=60.0).apply(TIME, wave)
 
 
+@pytest.mark.parametrize("decimate", [3, 10, 40])
+@pytest.mark.parametrize("count", [900, 2050, 5003])
+def test_many_columns_are_filtered_as_one_is(count: int, decimate: int):
+    """Many are multiplied by what the filter does to single samples, up to the reach of the filter."""
+    rng = np.random.default_rng(count + decimate)
+    time, values = np.arange(count) / RATE, np.cumsum(rng.standard_normal((count, 300)), axis=0)
+    prepare = Preparation(decimate=decimate)
+    t, many = prepare.apply(time, values)
+    for c in (0, 150, 299):
+        t_one, one = prepare.apply(time, values[:, c])
+        np.testing.assert_array_equal(t, t_one)
+        np.testing.assert_allclose(many[:, c], one, rtol=0.0, atol=1e-12 * np.abs(values).max())
+
+
 def test_what_was_done_can_be_said():
     lines = Preparation(start=1.0, decimate=10).describe(RATE)
     assert lines[0] == "window from 1.0 to end s"
