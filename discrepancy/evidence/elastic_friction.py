@@ -214,14 +214,21 @@ def _interval(likelihood: StageLikelihood) -> float:
 
 
 def _found(tried: TriedModels, model: TriedModel, part: str, displacements: Sequence[float]) -> _Elastic | None:
-    """Return a model with the friction of a part elastic, and damped if the evidence is for that as well."""
+    """Return a model with the friction of a part elastic, and damped if the evidence is for that as well.
+
+    None where neither is clearly more probable than the model.
+    """
     assert model.likelihood is not None
     interval = _interval(model.likelihood)
+    first = _best_start(tried, model, part, [(x,) for x in displacements])
+    best = _likeliest(tried, first)
     damped = [(x, share * interval) for share in RELAXATIONS for x in displacements]
-    dahl = _likeliest(tried, _best_start(tried, model, part, [(x,) for x in displacements]))
-    lugre = _likeliest(tried, _best_start(tried, model, part, damped))
-    best = lugre if lugre is not None and (dahl is None or lugre.total > dahl.total + POLICY.reach) else dahl
-    if best is None:
+    other = _best_start(tried, model, part, damped)
+    # the damped law contains the other: one that begins no better has nothing to add
+    if first is None or best is None or (other is not None and other.total > first.total):
+        lugre = _likeliest(tried, other)
+        best = lugre if lugre is not None and (best is None or lugre.total > best.total + POLICY.reach) else best
+    if best is None or best.total <= model.total + POLICY.reach:
         return None
     with _machine(tried.state, best.given, best.problem):
         way = tried.whole_way(*best.fit)
