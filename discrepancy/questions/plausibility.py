@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.problem.contradicting_positions import contradicting_positions, contradiction_text
 from discrepancy.problem.problem import Problem, noise_floors
-from discrepancy.problem.start_at_rest import contradicting_positions, contradiction_text, start_at_rest
+from discrepancy.problem.start_at_rest import start_at_rest
 from discrepancy.questions.scales import compare_scales
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError

@@ -167,7 +167,11 @@ class SearchState:
 
     def _with_zeros(self) -> Problem:
         """Return the problem, with the zeros of recorded positions unknown where these contradict each other."""
-        from discrepancy.problem.start_at_rest import contradicting_positions, contradiction_text, with_own_zeros
+        from discrepancy.problem.contradicting_positions import (
+            contradicting_positions,
+            contradiction_text,
+            with_own_zeros,
+        )
 
         outputs = contradicting_positions(self.problem)
         if not outputs:

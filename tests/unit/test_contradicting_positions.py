@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from discrepancy import Study
+from discrepancy.problem.contradicting_positions import contradicting_positions
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.problem.start_at_rest import contradicting_positions
 from discrepancy.questions.plausibility import check_problem
 from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibration import UncertainParameter
