@@ -397,11 +397,19 @@ class _Scoring:
         )
 
     @classmethod
-    def under(cls, likelihood: StageLikelihood, model: NoiseModel, own: _Scoring, raw: Sequence[Candidate]) -> _Scoring:
-        """Score candidates of the stage's own scoring under a noise model that is not its own."""
+    def under(
+        cls, likelihood: StageLikelihood, model: NoiseModel, own: _Scoring, raw: Sequence[Candidate]
+    ) -> _Scoring | None:
+        """Score candidates of the stage's own scoring under a noise model that is not its own.
+
+        None where the likelihood cannot be computed under it: a machine that diverges leaves no digit of what little
+        noise there is.
+        """
         plain, fitted = likelihood.linearised, likelihood.noise
         columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
         reached = restricted_log_likelihood(columns, model, std, offset) + log_price(plain, model)
+        if not math.isfinite(reached):
+            return None
         before = fitted.log_likelihood + log_price(plain, fitted.model)
         problem = plain.weighted_by(replace(fitted, model=model).weighting())
         return cls.of(problem, raw, own.noise, model, reached - before, own.other_laws)
@@ -514,6 +522,8 @@ def _in_place_of_random(
     for processes in dict.fromkeys([*fewer, ()] if model.processes else []):
         progress("which effect could explain what is taken for random")
         without = _Scoring.under(likelihood, replace(model, processes=processes), own, at_best_shapes)
+        if without is None:
+            continue
         lost = min(without.offset, -1.0)
         singles: list[tuple[ScoredCandidate, ...]]
         singles = [(c,) for c in without.able if 1.0 - c.gain / lost > REGAINED * (1.0 - POLICY.linear_error)]
@@ -558,7 +568,8 @@ def _scoring_beside_leading(
         return []
     progress(f"the noise that is left beside {leading.name}")
     beside = _noise_beside(likelihood, leading)
-    return [_Scoring.under(likelihood, beside, own, own.raw)]
+    scoring = _Scoring.under(likelihood, beside, own, own.raw)
+    return [scoring] if scoring is not None else []
 
 
 def _owned(scorings: Sequence[_Scoring], likeness: ParameterLikeness) -> dict[str, str]:
