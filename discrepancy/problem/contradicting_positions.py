@@ -54,10 +54,10 @@ def contradicting_positions(problem: Problem) -> tuple[str, ...]:
     for e in problem.identify:
         try:
             start = start_at_rest(e, system, p, e.simulate(system, p))
-        except SimulationError:
+            if start is not None:
+                squares.append(_distance_from_rest(e, start.rest, system, p, noise, known) ** 2)
+        except (SimulationError, np.linalg.LinAlgError):
             return ()
-        if start is not None:
-            squares.append(_distance_from_rest(e, start.rest, system, p, noise, known) ** 2)
     # of the changes no more than one for each position is free to be what it is
     return tuple(recorded) if sum(squares) > chi2.isf(LEVEL, max(len(squares) * len(recorded), 1)) else ()
 
