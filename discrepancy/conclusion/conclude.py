@@ -113,7 +113,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         *_prior_conflict_warnings(state, accepted),
         *(n.sentence for n in noisy),
         *feedback_messages(feedback),
-        *state.remarks,
+        *(remark for remark in state.remarks if remark not in problem.warnings),
         *([disturbance.sentence] if disturbance is not None else []),
         *(t.sentence for t in trends),
         *warnings_about_effects(stages),
