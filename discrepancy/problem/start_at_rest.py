@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
     from multibody.machine.model import System
 
-__all__ = ["StartAtRest", "start_at_rest"]
+__all__ = ["start_at_rest"]
 
 #: Error of an output, by its spread, from which the start is looked at, and the share of the mean squares that may be
 #: left where the machine starts at rest in its place, both without what is constant, as a wrong zero is; chosen.
