@@ -88,7 +88,8 @@ def accumulating_disturbance(linearised: LinearisedProblem) -> DisturbanceForce 
     if not _accumulates(linearised):
         return None
     keep_matrices_of_all_places(linearised)
-    tried = [(place, _RandomForce.at(linearised, place)) for place in linearised.system.places]
+    # one after another: the responses to a force at one place may be hundreds of megabytes
+    tried = ((place, _RandomForce.at(linearised, place)) for place in linearised.system.places)
     place, best = max(tried, key=lambda t: t[1].log_likelihood, default=(None, None))
     if place is None or best is None or not best.log_likelihood > 0.0:
         return None
