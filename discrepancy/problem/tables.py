@@ -40,9 +40,8 @@ MOST_ROWS = 100_000
 #: Fewer would leave sections too short for a machine to show what it does.
 FEWEST_ROWS = 10_000
 #: Processor time of a search after which nothing further is tried, in s.  Chosen: with what comes before and after the
-#: search, the answer is there within some minutes; the slowest search of a machine of others took half of it, so that a
-#: busy processor gives the same answer.
-TIME_LIMIT = 300.0
+#: search, the answer is there within some minutes.
+TIME_LIMIT = 180.0
 
 
 class ModelTable(msgspec.Struct, frozen=True):
