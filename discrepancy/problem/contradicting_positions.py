@@ -27,15 +27,16 @@ __all__ = ["contradicting_positions", "contradiction_text", "with_own_zeros"]
 #: Probability with which recorded positions that agree are said to contradict each other, by the noise of their first
 #: samples.  Chosen: no more than one study in ten thousand.
 LEVEL = 1e-4
-#: Steps of Newton's method, which has only the way within the noise to go, and its least singular value, relative.
+#: Steps of Newton's method, which begins at rest and has hardly any way to go, and the least singular value, relative,
+#: that is more than rounding; chosen.
 STEPS, LEAST_SHARE = 3, 1e-10
 
 
 def contradicting_positions(problem: Problem) -> tuple[str, ...]:
     """Return the recorded positions that contradict each other where the records start at rest.
 
-    All whose start is estimated, if there are two or more, and if the records for identification that start at rest, by
-    how they go on, do not within the noise of these positions: which of them is off cannot be known.
+    All whose start is estimated, if there are two or more, and if the records that start at rest, judged by the motion
+    that follows, could not do so within the noise of these positions: which of them is off cannot be known.
     """
     from scipy.stats import chi2
 
