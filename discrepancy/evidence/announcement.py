@@ -117,8 +117,7 @@ class Announcement:
         owned = start.proposals.owned if start is not None and start.proposals is not None else {}
         return [p for p in moves.simplifications(best) if not any(str(e) in owned for e in p.effects)]
 
-    @staticmethod
-    def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
+    def _why_dropped(self, best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
         """Return why an effect is dropped again; an empty text where it stays."""
         named_anyway = bool(set(without.key) - set(best.key))  # by a simpler law in its place
         sure = gain.exceeds(POLICY.predictive_errors) if named_anyway else gain.exceeds_normal(POLICY.naming_errors)
@@ -126,7 +125,7 @@ class Announcement:
             return "records left out are predicted no better with it"
         if not best.is_more_probable_than(without):
             return "the model without it is more probable"
-        return moves.why_irrelevant(best, without)
+        return moves.why_irrelevant(best, without, self._tried.wander)
 
     def _confirmed(self, best: TriedModel) -> TriedModel:
         """Drop effects that predict nothing of the records held out better, or some output worse, one after another.

@@ -128,8 +128,9 @@ def log_evidence(likelihood: StageLikelihood, prior: ModelPrior) -> Evidence:
             scale = strength_scale([b[:, :, columns] for b in sens.blocks], noise)
             log_prior += log_prior_of_strengths(values[moved], scale, effect.definition.one_sided)
         log_prior += 0.5 * len(moved) * math.log(2.0 * math.pi)
+    rise = likelihood.rise_to_likeliest if likelihood.as_it_stands else 0.0
     return Evidence(
-        log_likelihood=fitted.log_likelihood,
+        log_likelihood=fitted.log_likelihood - rise,
         log_prior=log_prior,
         log_odds=prior.log_probability(stage.effects),
         log_noise=log_price(linearised, fitted.model),

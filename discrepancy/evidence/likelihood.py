@@ -94,6 +94,9 @@ class StageLikelihood:
         same samples.  None: those at a standstill of this model.
     given_noise : FittedNoise or None
         The noise where it is known already.
+    as_it_stands : bool
+        Whether the evidence is that of the parameters where the stage stands.  Else they are integrated out about those
+        of largest likelihood, which the linearised problem says.
     """
 
     stage: Stage
@@ -101,6 +104,7 @@ class StageLikelihood:
     grow: bool = True
     given_left_out: tuple[np.ndarray, ...] | None = None
     given_noise: FittedNoise | None = None
+    as_it_stands: bool = False
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
     _fitted: list[FittedNoise] = field(default_factory=list, init=False, repr=False)
 

@@ -403,12 +403,13 @@ def _matters_to_prediction(model: TriedModel, parent: TriedModel) -> bool:
     A mean square error that falls by a small share s in all of N samples gains N s / 2 nats.
     """
     assert model.likelihood is not None
-    assert parent.likelihood is not None
-    gain = model.likelihood.noise.log_likelihood - parent.likelihood.noise.log_likelihood
+    assert model.evidence is not None
+    assert parent.evidence is not None
+    gain = model.evidence.log_likelihood - parent.evidence.log_likelihood
     return gain >= 0.5 * POLICY.relevance * model.likelihood.count
 
 
-def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
+def why_irrelevant(model: TriedModel, parent: TriedModel, wander: float) -> str:
     """Return why the effects that a model has more do not matter; an empty text if they do.
 
     Each must move some output by the noise of its sensor, at one instant at least, or change the error of one by a
@@ -417,10 +418,16 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     may be made worse.  How sure it is that there is an improvement at all is for the log predictive score to say, which
     knows the unrecorded forces: where these make most of the error of a simulation, its square hardly shows an effect
     of a tenth of that, and be it certain.
+
+    Parameters
+    ----------
+    model, parent : TriedModel
+    wander : float
+        Nats by which evidence changes with the linearisation.
     """
     assert model.likelihood is not None
     assert parent.likelihood is not None
-    gain = simulation_gain(model.likelihood, parent.likelihood)
+    gain = simulation_gain(model.likelihood, parent.likelihood, fitted_again=wander == 0.0)
     errors = gain.in_normal_errors(POLICY.simulation_errors)
     if gain.harms(POLICY.harm, errors):
         return f"some output of records left out is simulated worse (square error gone: {gain})"

@@ -124,9 +124,13 @@ def gain_of_scores(one: np.ndarray, other: np.ndarray) -> PredictiveGain:
     return PredictiveGain(gain=float(np.sum(difference)), standard_error=error, blocks=len(difference), parts=n)
 
 
-def simulation_gain(one: StageLikelihood, other: StageLikelihood) -> SimulationGain:
-    """Return by how much ``one`` simulates blocks of the identification records left out better than ``other``."""
-    return gain_of_errors(one.stage.outputs, simulation_errors(one), simulation_errors(other))
+def simulation_gain(one: StageLikelihood, other: StageLikelihood, *, fitted_again: bool = True) -> SimulationGain:
+    """Return by how much ``one`` simulates blocks of the identification records left out better than ``other``.
+
+    Without ``fitted_again`` as they stand: where a linearisation does not lead from the likeliest parameters to others.
+    """
+    errors = [simulation_errors(q, fitted_again=fitted_again) for q in (one, other)]
+    return gain_of_errors(one.stage.outputs, *errors)
 
 
 def changed_share(one: Stage, other: Stage) -> np.ndarray:
@@ -152,7 +156,7 @@ def shift_over_noise(likelihood: StageLikelihood, effect: Effect) -> float:
     return float(1.0 / strength_scale([block @ moved for block in sens.blocks], noise)[0])
 
 
-def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
+def simulation_errors(likelihood: StageLikelihood, *, fitted_again: bool = True) -> np.ndarray:
     """Return the sum of squared errors of each block simulated with parameters of the others, (n_blocks, n_c).
 
     The parameters without a record follow from the normal equations of the fit, in which each output is weighted by
@@ -180,7 +184,8 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
     without_each = _left_out(rows, sens.prior_std[moved], sens.prior_offset[moved])
     errors = []
     for (e, f), without in zip(rows, without_each, strict=True):
-        left_over = ((e - f @ without.change).reshape(-1, weights.size) * weights) ** 2 / count
+        left = e - f @ without.change if fitted_again else e
+        left_over = (left.reshape(-1, weights.size) * weights) ** 2 / count
         errors += [np.sum(part, axis=0) + len(part) * lost for part in np.array_split(left_over, parts)]
     return np.array(errors)
 

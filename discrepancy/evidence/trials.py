@@ -161,6 +161,8 @@ class Trials:
         if stage is None and model.outcome:
             return None
         fit = self._with_noise(stage, proposal, parent) if stage is not None else None
+        if fit is not None:
+            fit = self._likelier(model, fit)
         if fit is None or fit[1].total < _least_believed(proposal, parent, simpler):
             try:
                 there = self._near_expected(proposal, parent, simpler)
@@ -172,14 +174,18 @@ class Trials:
                 if fit is None:
                     raise
             else:
+                there = self._likelier(model, there)
                 if fit is None or there[1].total > fit[1].total:
                     rise = f" {there[1].total - fit[1].total:+.1f}" if fit is not None else ""
                     self._state.progress(f"{model.name}: log evidence{rise} near the strengths that are expected")
                     fit, model.at_likeliest = there, True
-        likelier = self.tried.at_likelier_parameters(*fit)
-        if likelier is not None:
-            fit, model.at_likeliest = likelier, True
         return fit
+
+    def _likelier(self, model: TriedModel, fit: tuple[StageLikelihood, Evidence]) -> tuple[StageLikelihood, Evidence]:
+        """Return a fit of a model at its likeliest parameters, if models are moved there."""
+        likelier = self.tried.at_likelier_parameters(*fit)
+        model.at_likeliest = model.at_likeliest or likelier is not None
+        return likelier or fit
 
     def _with_noise(self, stage: Stage, proposal: Proposal, parent: TriedModel) -> tuple[StageLikelihood, Evidence]:
         """Return a fitted model's likelihood, with its noise fitted from that of its parent, and its evidence."""

@@ -268,9 +268,21 @@ class TriedModels:
     ) -> tuple[StageLikelihood, Evidence] | None:
         """Return a model at its likeliest parameters, if models are moved there.
 
-        Where the evidence does not settle the model is returned where it is most probable, if clearly more so.
+        Where the evidence does not settle the model is returned where it is most probable, if clearly more so.  With
+        effects it is then judged as it stands there: a rise of the likelihood that the linearised problem promises at
+        other parameters, and that no step has brought, is none.  The model without effects has the benefit of that
+        doubt.
         """
-        return self._likelier(likelihood, evidence) if self.moved else None
+        if not self.moved:
+            return None
+        if self.wander and likelihood.stage.effects:
+            way = self.way_to_likeliest(likelihood, evidence)
+            return way.end if way.settled else self._where_it_stands_best(way)
+        return self._likelier(likelihood, evidence)
+
+    def _where_it_stands_best(self, way: Way) -> tuple[StageLikelihood, Evidence]:
+        standing = [replace(place, as_it_stands=True, given_noise=place.noise) for place, _ in way.seen]
+        return max(((place, self.evidence_of(place)) for place in standing), key=lambda seen: seen[1].total)
 
     def _likelier(self, likelihood: StageLikelihood, evidence: Evidence) -> tuple[StageLikelihood, Evidence] | None:
         way = self.way_to_likeliest(likelihood, evidence)
@@ -462,7 +474,7 @@ def judge(model: TriedModel, parent: TriedModel, wander: float) -> None:
         model.better, model.outcome = False, "not better"
     elif more and gain <= wander and not model.promises_enough:
         model.better, model.outcome = False, f"better by less than another linearisation changes ({wander:.1f} nats)"
-    elif more and (why := moves.why_irrelevant(model, parent)):
+    elif more and (why := moves.why_irrelevant(model, parent, wander)):
         model.refuse(f"better, but {why}")
     else:
         model.better, model.outcome = True, "better"

@@ -24,6 +24,8 @@ __all__ = ["examined_connections"]
 
 _SPEED_KNOTS = 8
 _POSITION_KNOTS = 6
+_COMMON = 3
+"""Forces that are applied at every place alike."""
 _SAME = 0.999
 """Cosine of the responses to the same force from which two places cannot be distinguished."""
 LEAST_SHARE = 0.05
@@ -139,8 +141,6 @@ def _responses(
     residuals: ResidualsAlongMotion, places: list[str], weight: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Responses to each place's own forces, and to the same three forces everywhere; each (n·channels, k)."""
-    own: dict[str, list[np.ndarray]] = {p: [] for p in places}
-    common: dict[str, list[np.ndarray]] = {p: [] for p in places}
     system = residuals.stage.system
     motion_of = {p.name: [n for n, _ in p.motion_names()] for p in system.places}
     lead = residuals.guides()[0].name
@@ -158,6 +158,10 @@ def _responses(
         )
         for p in places
     }
+    rows = residuals.values.size
+    own = {p: np.empty((rows, len(generic[p][0]))) for p in places}
+    common = {p: np.empty((rows, _COMMON)) for p in places}
+    end = 0
     for i, experiment in enumerate(residuals.linearised.experiments):
         position, speed, _ = table[lead][i] if lead in table else table[places[0]][i]
         shared = [
@@ -173,12 +177,13 @@ def _responses(
             sensors=residuals.linearised.sensors,
             workers=available_cores(),
         ).derivatives
-        flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])
-        for p in places:
-            here, flat = np.split(flat, [len(shared) + len(generic[p][i])], axis=1)
-            common[p].append(here[:, : len(shared)])
-            own[p].append(here[:, len(shared) :])
-    return ({p: np.concatenate(v) for p, v in own.items()}, {p: np.concatenate(v) for p, v in common.items()})
+        dy *= weight[:, None]
+        flat = dy.reshape(-1, dy.shape[2])
+        here, end = slice(end, end + len(flat)), end + len(flat)
+        for p in places:  # filled in place: all at once they would take twice the memory
+            of_place, flat = np.split(flat, [_COMMON + own[p].shape[1]], axis=1)
+            common[p][here], own[p][here] = np.split(of_place, [_COMMON], axis=1)
+    return own, common
 
 
 def _motion(run: dict[str, np.ndarray], place: str, names: list[str], time: np.ndarray) -> tuple[np.ndarray, ...]:

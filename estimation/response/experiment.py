@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["Experiment", "FittedClock", "Response"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
+AT_ONCE = 64  # perturbations whose responses at the rate of the record are in memory at a time, for each thread
 KEPT_BYTES = 1 << 25  # state-transition matrices larger than this do not survive `Experiment.trim_cache`
 
 
@@ -326,15 +327,19 @@ class Experiment:
     ) -> Response:
         """Return the response to perturbations by state-transition matrices, divided among threads."""
 
-        def respond(some: Sequence[Perturbation]) -> Response:
-            return self._prepared(linearised.outputs, linearised(some), sensors, [], [])
+        def prepared(dy: np.ndarray) -> Response:
+            return self._prepared(linearised.outputs, dy, sensors, [], [])
 
-        count = min(workers, len(perturbations))
-        shares = parallel_map(respond, [perturbations[k::count] for k in range(count)])
-        derivatives = np.empty((*shares[0].outputs.shape, len(perturbations)))
-        for k, share in enumerate(shares):
-            derivatives[:, :, k::count] = share.derivatives
-        return Response(shares[0].outputs, derivatives)
+        total = len(perturbations)
+        outputs = prepared(np.empty((*linearised.outputs.shape, 0))).outputs
+        derivatives = np.empty((*outputs.shape, total))
+        count = max(min(workers, total), -(-total // AT_ONCE))
+
+        def fill(k: int) -> None:
+            derivatives[:, :, k::count] = prepared(linearised(perturbations[k::count])).derivatives
+
+        parallel_map(fill, range(count), most=workers)
+        return Response(outputs, derivatives)
 
     def _prepared(
         self,

@@ -133,7 +133,10 @@ def _matrices(count: int, cutoff: float, edge: int, decimate: int) -> list[tuple
 
     Samples from which less than `_LEAST_WEIGHT` of the largest share comes are left out.
     """
-    whole = low_pass(np.arange(count, dtype=float), np.eye(count), 0.5 * cutoff)[edge : count - edge : decimate]
+    time, kept = np.arange(count, dtype=float), slice(edge, count - edge, decimate)
+    # few at a time: the filter makes copies
+    units = (np.eye(count, min(_MANY, count - a), -a) for a in range(0, count, _MANY))
+    whole = np.hstack([low_pass(time, some, 0.5 * cutoff)[kept] for some in units])
     counts = np.abs(whole) > _LEAST_WEIGHT * np.max(np.abs(whole))
     first, last = np.argmax(counts, axis=1), count - np.argmax(counts[:, ::-1], axis=1)
     parts = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,17 +21,27 @@ def evidence(total: float) -> Evidence:
     return Evidence(log_likelihood=total, log_prior=0.0, log_odds=0.0)
 
 
+@dataclass(eq=False)
+class _Place:
+    """What stands at a log evidence, and by how much the linearised problem says that it rises."""
+
+    at: float
+    rise_to_likeliest: float
+    stage: Any = field(default_factory=lambda: SimpleNamespace(effects=(), identify=SimpleNamespace(to_dict=dict)))
+    as_it_stands: bool = False
+    given_noise: Any = None
+    linearised: Any = None
+    noise: Any = field(default_factory=lambda: SimpleNamespace(model=SimpleNamespace(processes=[1])))
+
+    def neighbour(self, at: float) -> _Place:
+        return _Place(at, 2.0 * POLICY.improvement)
+
+    def free_memory(self) -> None: ...
+
+
 def likelihood(at: float, *, settled: bool = False) -> Any:
     """Return what stands at a log evidence, and whether a further step would change nothing."""
-    return SimpleNamespace(
-        at=at,
-        stage=SimpleNamespace(effects=(), identify=SimpleNamespace(to_dict=dict)),
-        linearised=None,
-        noise=SimpleNamespace(model=SimpleNamespace(processes=[1])),
-        rise_to_likeliest=0.0 if settled else 2.0 * POLICY.improvement,
-        neighbour=lambda stage: likelihood(stage),
-        free_memory=lambda: None,
-    )
+    return _Place(at, 0.0 if settled else 2.0 * POLICY.improvement)
 
 
 def walked(
@@ -67,6 +78,25 @@ def test_the_first_model_stands_where_it_is_most_probable(monkeypatch):
     assert first.total == 35.0
     assert first.at_likeliest
     assert models.wander == 17.0, "the first step leads away from least squares and is not counted"
+
+
+def test_a_rise_that_no_step_has_brought_is_none(monkeypatch):
+    """A free curve promised 5469 nats at other values of its points; the step there lost 4481."""
+    models, _ = walked(monkeypatch, 25.0, 18.0, 35.0)
+    monkeypatch.setattr(
+        TriedModels, "evidence_of", lambda self, p: evidence(p.at - p.as_it_stands * p.rise_to_likeliest)
+    )
+    monkeypatch.setattr(
+        TriedModels, "_steps_to_likeliest", lambda self, given: iter([(_Place(28853.0, 508.0), evidence(28853.0))])
+    )
+    curve = _Place(33334.0, 5469.0)
+    curve.stage.effects = ("unknown_force@nut",)
+    found = models.at_likelier_parameters(curve, evidence(33334.0))  # type: ignore[arg-type]
+    assert found is not None
+    assert found[0].as_it_stands
+    assert found[1].total == 28853.0 - 508.0
+    curve.stage.effects = ()  # the model without effects has the benefit of the doubt
+    assert models.at_likelier_parameters(curve, evidence(33334.0)) is None  # type: ignore[arg-type]
 
 
 def test_where_the_evidence_settles_it_counts_though_least_squares_seemed_better(monkeypatch):
@@ -152,7 +182,7 @@ def test_those_move_that_the_evidence_from_afar_cannot_tell(monkeypatch, totals,
 )
 def test_an_effect_must_gain_more_than_another_linearisation(monkeypatch, gain, promised, outcome):
     """Unless its score promises enough, for which both models are linearised alike."""
-    monkeypatch.setattr(module.moves, "why_irrelevant", lambda model, parent: "")
+    monkeypatch.setattr(module.moves, "why_irrelevant", lambda model, parent, wander: "")
     parent = TriedModel(likelihood=likelihood(0.0), key=(), evidence=evidence(0.0))
     model = TriedModel(likelihood=likelihood(0.0), key=("drag@shaft",), evidence=evidence(gain))
     model.likelihood.stage.effects = ("drag@shaft",)  # type: ignore[union-attr]

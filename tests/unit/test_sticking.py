@@ -10,6 +10,7 @@ import pytest
 from discrepancy.effects.effect import Effect
 from discrepancy.residual.tolerances import LEAST_EVALUATIONS, with_tolerances
 from discrepancy.rigs.axis import axis_case
+from estimation.response import experiment as module
 from estimation.response.perturbations import InputPerturbation, PerturbationResponse, cheaper_by_transition_matrices
 from multibody.base.errors import SimulationError
 
@@ -90,6 +91,17 @@ def test_matrices_that_do_not_fit_into_memory_are_no_choice(sticking, monkeypatc
     integrated = replace(experiment, rtol=1e-8).respond(system, p, perturbations=given)
     assert integrated.evaluations > 0
     np.testing.assert_allclose(integrated.outputs, carried.outputs, rtol=1e-3, atol=1e-5 * np.ptp(carried.outputs))
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 64])
+def test_how_many_are_in_memory_at_a_time_changes_nothing(sticking, monkeypatch, at_once):
+    _, experiment, system, p = sticking
+    given = [InputPerturbation("probe.motor", np.sin(k * np.array(experiment.record.time))) for k in range(1, 30)]
+    whole = experiment.respond(system, p, perturbations=given)
+    monkeypatch.setattr(module, "AT_ONCE", at_once)
+    parts = experiment.respond(system, p, perturbations=given)
+    np.testing.assert_allclose(parts.derivatives, whole.derivatives, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(parts.outputs, whole.outputs)
 
 
 def test_more_threads_than_perturbations_change_nothing(sticking):

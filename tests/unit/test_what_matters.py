@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from discrepancy.evidence import proposals
-from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.likelihood import StageLikelihood, lost_to_means
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.predictive import shift_over_noise
+from discrepancy.evidence.predictive import shift_over_noise, simulation_errors
 from discrepancy.evidence.tried_models import TriedModels
 from discrepancy.innovations.noise_model import NoiseModel, Process
 
@@ -35,6 +35,19 @@ def test_the_shift_is_what_a_simulation_without_the_effect_shows(small_study) ->
         shifts.append(np.max(np.abs(one - other) / noise))
     assert shift_over_noise(likelihood, small) == pytest.approx(max(shifts), rel=0.05)
     assert shift_over_noise(likelihood, effect) == pytest.approx(shift_over_noise(likelihood, small) / part, rel=1e-9)
+
+
+def test_errors_of_a_model_as_it_stands_are_those_of_its_simulation(small_study) -> None:
+    """Fitted to the other blocks each time they are larger, because it stands where all blocks together put it."""
+    stage = small_study.stages[-1]
+    likelihood = StageLikelihood(stage=stage.without_results())
+    stands, again = (np.sum(simulation_errors(likelihood, fitted_again=f), axis=0) for f in (False, True))
+    linearised = likelihood.linearised
+    used = [b[~mask] for b, mask in zip(linearised.residual().blocks, likelihood.left_out, strict=True)]
+    expected = sum(np.sum(b**2, axis=0) + len(b) * lost_to_means(linearised) for b in used)
+    np.testing.assert_allclose(stands, expected, rtol=0.02)
+    scale = np.array([stage.identify.scale[c] for c in stage.outputs])
+    assert np.sum(again / scale**2) > np.sum(stands / scale**2)
 
 
 def tried(key: tuple[str, ...], total: float) -> TriedModel:
