@@ -162,7 +162,7 @@ def simulation_errors(likelihood: StageLikelihood, *, fitted_again: bool = True)
     The parameters without a record follow from the normal equations of the fit, in which each output is weighted by
     its scale; each record's own unknowns are fitted to it, as they are when a record is held out.  The white noise that
     the means of several samples have lost counts as it does in the records themselves.  Only samples that are part of
-    the likelihood count.
+    the likelihood count.  Without ``fitted_again`` the parameters are those of the stage.
     """
     stage, linearised = likelihood.stage, likelihood.linearised
     residual, sens = linearised.residual(), linearised.sensitivities()

@@ -273,19 +273,13 @@ class TriedModels:
         other parameters, and that no step has brought, is none.  The model without effects has the benefit of that
         doubt.
         """
-        if not self.moved:
-            return None
-        if self.wander and likelihood.stage.effects:
-            way = self.way_to_likeliest(likelihood, evidence)
-            return way.end if way.settled else self._where_it_stands_best(way)
-        return self._likelier(likelihood, evidence)
-
-    def _where_it_stands_best(self, way: Way) -> tuple[StageLikelihood, Evidence]:
-        standing = [replace(place, as_it_stands=True, given_noise=place.noise) for place, _ in way.seen]
-        return max(((place, self.evidence_of(place)) for place in standing), key=lambda seen: seen[1].total)
+        return self._likelier(likelihood, evidence) if self.moved else None
 
     def _likelier(self, likelihood: StageLikelihood, evidence: Evidence) -> tuple[StageLikelihood, Evidence] | None:
         way = self.way_to_likeliest(likelihood, evidence)
+        if self.wander and likelihood.stage.effects and not way.settled:
+            standing = [replace(place, as_it_stands=True, given_noise=place.noise) for place, _ in way.seen]
+            return max(((place, self.evidence_of(place)) for place in standing), key=lambda seen: seen[1].total)
         return way.end if way.settled or way.end[1].total > evidence.total + POLICY.improvement else None
 
     def move_to_likeliest(self, model: TriedModel) -> None:

@@ -24,8 +24,6 @@ __all__ = ["examined_connections"]
 
 _SPEED_KNOTS = 8
 _POSITION_KNOTS = 6
-_COMMON = 3
-"""Forces that are applied at every place alike."""
 _SAME = 0.999
 """Cosine of the responses to the same force from which two places cannot be distinguished."""
 LEAST_SHARE = 0.05
@@ -137,10 +135,19 @@ def _generic_forces(position: np.ndarray, speed: np.ndarray, acceleration: np.nd
     return forces
 
 
+def _common_forces(position: np.ndarray, speed: np.ndarray) -> list[np.ndarray]:
+    """Return the forces that are applied at every place alike."""
+    return [
+        np.ones_like(speed),
+        speed / max(float(np.max(np.abs(speed))), 1e-300),
+        (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
+    ]
+
+
 def _responses(
     residuals: ResidualsAlongMotion, places: list[str], weight: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Responses to each place's own forces, and to the same three forces everywhere; each (n·channels, k)."""
+    """Responses to the forces of each place, and to those that are the same at every place; each (n·channels, k)."""
     system = residuals.stage.system
     motion_of = {p.name: [n for n, _ in p.motion_names()] for p in system.places}
     lead = residuals.guides()[0].name
@@ -158,22 +165,18 @@ def _responses(
         )
         for p in places
     }
-    rows = residuals.values.size
+    guide = table[lead if lead in table else places[0]]
+    shared = [_common_forces(position, speed) for position, speed, _ in guide]
+    rows, alike = residuals.values.size, len(shared[0])
     own = {p: np.empty((rows, len(generic[p][0]))) for p in places}
-    common = {p: np.empty((rows, _COMMON)) for p in places}
+    common = {p: np.empty((rows, alike)) for p in places}
     end = 0
     for i, experiment in enumerate(residuals.linearised.experiments):
-        position, speed, _ = table[lead][i] if lead in table else table[places[0]][i]
-        shared = [
-            np.ones_like(speed),
-            speed / max(float(np.max(np.abs(speed))), 1e-300),
-            (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
-        ]
         dy = experiment.respond(
             residuals.linearised.slim,
             residuals.linearised.p,
             residuals.linearised.initial_state(i),
-            perturbations=[InputPerturbation(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
+            perturbations=[InputPerturbation(f"probe.{p}", f) for p in places for f in (*shared[i], *generic[p][i])],
             sensors=residuals.linearised.sensors,
             workers=available_cores(),
         ).derivatives
@@ -181,8 +184,8 @@ def _responses(
         flat = dy.reshape(-1, dy.shape[2])
         here, end = slice(end, end + len(flat)), end + len(flat)
         for p in places:  # filled in place: all at once they would take twice the memory
-            of_place, flat = np.split(flat, [_COMMON + own[p].shape[1]], axis=1)
-            common[p][here], own[p][here] = np.split(of_place, [_COMMON], axis=1)
+            of_place, flat = np.split(flat, [alike + own[p].shape[1]], axis=1)
+            common[p][here], own[p][here] = np.split(of_place, [alike], axis=1)
     return own, common
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["Experiment", "FittedClock", "Response"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
-AT_ONCE = 64  # perturbations whose responses at the rate of the record are in memory at a time, for each thread
+AT_ONCE = 64  # perturbations whose responses at the rate of the record are in memory at a time, for each thread; chosen
 KEPT_BYTES = 1 << 25  # state-transition matrices larger than this do not survive `Experiment.trim_cache`
 
 

@@ -45,7 +45,7 @@ def test_errors_of_a_model_as_it_stands_are_those_of_its_simulation(small_study)
     linearised = likelihood.linearised
     used = [b[~mask] for b, mask in zip(linearised.residual().blocks, likelihood.left_out, strict=True)]
     expected = sum(np.sum(b**2, axis=0) + len(b) * lost_to_means(linearised) for b in used)
-    np.testing.assert_allclose(stands, expected, rtol=0.02)
+    np.testing.assert_allclose(stands, expected, rtol=1e-12)
     scale = np.array([stage.identify.scale[c] for c in stage.outputs])
     assert np.sum(again / scale**2) > np.sum(stands / scale**2)
 
