@@ -1,9 +1,12 @@
 """The fitted noise is about as likely as the noise that records were made with."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from test_innovations import NO_OFFSET, NO_PRIOR, STEP, columns_of, noise_model, oscillator, without_unknowns
 
-from discrepancy.innovations.noise_fit import fit_noise, likeliest_change, likeliest_rise
+from discrepancy.innovations.noise_fit import _Objective, fit_noise, likeliest_change, likeliest_rise
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 
 COUNT = 600
@@ -58,3 +61,22 @@ def test_the_rise_is_what_the_likeliest_parameters_take_of_the_squares() -> None
     rise = likeliest_rise([one], model, NO_PRIOR, NO_OFFSET)
     assert rise > 0.0
     np.testing.assert_allclose(rise, 0.5 * (before - left), rtol=1e-9)
+
+
+@pytest.mark.parametrize("worse", ["as fitted to the thinned records", "as it was before"])
+def test_a_process_more_begins_where_it_is_likelier_of_two_places(worse: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the noise that the thinned records asked for, or that of all samples; one is ten times too large here."""
+    record, nothing = oscillator(COUNT), np.zeros(0)
+    white = np.random.default_rng(24).standard_normal((COUNT, 2))
+    one = without_unknowns(record, innovation_weighting(record, TRUTH).inverse(white))
+    whole = _Objective(records=[one], prior_std=nothing, prior_offset=nothing, floor=FLOOR)
+    thinned = replace(whole, records=[one.every(3)])
+    rough = replace(TRUTH, noise=tuple(10.0 * s for s in TRUTH.noise))
+    there, before = (rough, TRUTH) if worse == "as fitted to the thinned records" else (TRUTH, rough)
+    kept = replace(before, processes=before.processes[:2])
+
+    monkeypatch.setattr(_Objective, "climbed", lambda self, model, value: (model, value))
+    begun, value = whole.climbed_from((there, 0.0), thinned, kept)
+
+    assert (begun.noise, begun.processes) == (TRUTH.noise, TRUTH.processes)
+    assert value == whole.value(TRUTH) > whole.value(rough)
