@@ -194,15 +194,19 @@ class TriedModel:
 
         The effect was fitted and what has no name was not, so it must be better by more than two linearisations may
         differ.  Of its gain no more holds than of that of the effect: rivals are compared by their whole evidence.
-        Where the other model has the same law beside its effect, the two differ by that effect alone.
+        Where the other model has the same law beside its effect, the two differ by that effect alone.  If too little of
+        it is left there to be announced, what that gains does not speak against the effect either.
         """
-        law = self.unknown_law
+        law, beside = self.unknown_law, other.unknown_law
         assert law is not None
-        if law.is_beside(other.unknown_law):
-            return law.gain
+        gain = law.gain
+        if beside is not None and beside.places == law.places:
+            if beside.announced:
+                return gain
+            gain -= max(beside.gain, 0.0)
         rise = other.total - self.total
         doubted = max(other.overstated - self.overstated, 0.0) / rise if rise > 0.0 else 0.0
-        return law.gain - POLICY.reach - doubted * max(law.gain, 0.0)
+        return gain - POLICY.reach - doubted * max(gain, 0.0)
 
     def _log_weight(self, gain: float = 0.0, log_odds: float = 0.0) -> float:
         """Return the log weight with something more that gains so much, its log prior odds included."""

@@ -131,14 +131,9 @@ class UnknownLaw:
         odds = (self.gain - self.log_odds) / POLICY.temperature + self.log_odds
         return self.predicts and odds > 0.0
 
-    def is_beside(self, other: UnknownLaw | None) -> bool:
-        """Tell whether another that is announced, beside another model, acts at the same places."""
-        if other is None or not other.announced:
-            return False
-        return self._places == other._places
-
     @property
-    def _places(self) -> set[tuple[str, str]]:
+    def places(self) -> set[tuple[str, str]]:
+        """Where it acts: name of a connection, input or output, and which of these that is."""
         return {(f.source.where, f.source.acts_on) for f in self.functions}
 
     @property

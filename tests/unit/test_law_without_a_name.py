@@ -18,15 +18,15 @@ from discrepancy.evidence.unknown_law import Source, StateFunction, UnknownLaw
 NAMED = "input_delay@drive"
 
 
-def law(where: str, gain: float) -> UnknownLaw:
-    """Return a force without a name that gains so much, and passes all tests."""
+def law(where: str, gain: float, share: float = 0.5) -> UnknownLaw:
+    """Return a force without a name that gains so much; it passes all tests if it has a large share of an error."""
     source = Source(where=where, acts_on="connection", index=0, unit=1.0)
     return UnknownLaw(
         functions=(StateFunction(source=source, signals=("cart.v",), size=1.0),),
         gain=gain,
         log_odds=0.0,
-        share={"cart.v": 0.5},
-        samples=1000,
+        share={"cart.v": share},
+        samples=100_000,
         predictive=PredictiveGain(gain=gain, standard_error=1.0, blocks=8, parts=8),
     )
 
@@ -80,6 +80,20 @@ def test_a_named_effect_must_add_something_to_a_law_that_stands_beside_it(monkey
     shown = posterior(tried, list(best.key), None)
     with_name = shown.models[(NAMED,)] + shown.models[(NAMED, f"unknown_force@{where}")]
     assert (with_name > shown.models[("unknown_force@rail",)]) is named
+
+
+@pytest.mark.parametrize(
+    ("where", "left", "named"), [("rail", 150.0, True), ("rail", 100.0, False), ("drive", 150.0, False)]
+)
+def test_what_a_law_gains_beside_the_effect_as_well_does_not_speak_against_it(monkeypatch, where, left, named):
+    """Too little of it is left there to be announced, and yet all records show it: 200 - 150 nats are less than 60."""
+    beside = law(where, left, share=1e-4)
+    assert not beside.announced
+    tried = models(200.0, 60.0, beside=beside)
+    best = answer_of(monkeypatch, tried)
+    assert best is tried[(NAMED,) if named else ()]
+    shown = posterior(tried, list(best.key), None)
+    assert (shown.models[(NAMED,)] > shown.models[("unknown_force@rail",)]) is named
 
 
 @pytest.mark.parametrize(("more", "named"), [(POLICY.reach - 1.0, True), (2.0 * POLICY.reach + 1.0, False)])
