@@ -302,6 +302,7 @@ class Announcement:
         if best.key and best.unknown_law is not None and best.unknown_law.announced:
             for model in rivals:  # the effect and the function may be one law that acts at two places
                 self._ask_for_a_second_place(model)
+        self._tried.doubt()  # what was fitted since may have changed it, and the probabilities are shown with it
         likeliest = max(rivals[1:], key=lambda m: m.log_weight_with_law_in_place(best), default=best)
         if likeliest is best or likeliest.log_weight_with_law_in_place(best) <= best.log_weight_with_law:
             return best

@@ -50,7 +50,8 @@ def models(
 def answer_of(monkeypatch: pytest.MonkeyPatch, tried: dict[tuple[str, ...], TriedModel]) -> TriedModel:
     """Return what of the model with the effect is announced."""
     state: Any = SimpleNamespace(progress=lambda text: None)
-    trials: Any = SimpleNamespace(tried=SimpleNamespace(state=state, models=tried, start=tried[()]))
+    of_all = SimpleNamespace(state=state, models=tried, start=tried[()], doubt=lambda: None)
+    trials: Any = SimpleNamespace(tried=of_all)
     announcement = Announcement(trials)
     monkeypatch.setattr(Announcement, "_ask_for_unknown_law", lambda self, model: None)
     monkeypatch.setattr(Announcement, "_ask_for_a_second_place", lambda self, model: None)
