@@ -62,14 +62,19 @@ class Announcement:
         return self._beside_unknown_law(answer)
 
     def _as_good(self, refused: TriedModel) -> list[TriedModel]:
-        """Return the models with a simpler law, or one that changes the same, in place of an effect of another.
+        """Return the models that the evidence holds for as good as one that was refused, most probable first.
 
-        Only those that the evidence holds for as good.
+        Simpler laws, and what changes the same in place of an effect, are fitted if they were not; of what was fitted
+        in the search the models with as many effects or fewer count, but not those without some of its own.
         """
         source = self._tried.start.proposals if self._tried.start is not None else None
         offers = [*self._simplifications(refused), *moves.twins(refused, source)]
-        models = self.trials.fitted_once(refused, offers) if offers else []
-        return [m for m in models if m.likelihood is not None and m.total >= refused.total - POLICY.improvement]
+        fitted = self.trials.fitted_once(refused, offers) if offers else []
+        rivals = [m for m in self._tried.models.values() if m.in_full and len(m.key) <= len(refused.key)]
+        rivals = [m for m in rivals if not set(m.key) <= set(refused.key)]
+        models = {m.key: m for m in (*fitted, *rivals) if m.likelihood is not None}
+        good = [m for m in models.values() if m.total >= refused.total - POLICY.improvement]
+        return sorted(good, key=lambda m: -m.total)
 
     @property
     def _tried(self) -> TriedModels:

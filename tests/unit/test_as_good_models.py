@@ -70,6 +70,16 @@ def test_another_as_good_is_asked(monkeypatch, refused, other, answer):
     assert bool(announcement.unconfirmed) is (answer == ())
 
 
+def test_a_model_that_the_search_has_tried_is_asked_as_well(monkeypatch):
+    """Two sensors drift alike but for the records held out: that the other was tried beside a gain suffices."""
+    announcement, _ = asked(monkeypatch, {"gain", "tank"}, gain=1.0)
+    both, other, fewer = model("tank", 100.0), model("water", 99.5), model("gain", 99.0)
+    both.key, other.key = ("gain", "tank"), ("gain", "water")
+    announcement.trials.tried.models |= {m.key: m for m in (both, other, fewer)}
+    monkeypatch.setattr(moves, "twins", lambda model, source: [])
+    assert announcement._as_good(both) == [other]
+
+
 def test_what_was_refused_keeps_its_probability_beside_the_answer(monkeypatch):
     announcement, best = asked(monkeypatch, {"rub"}, rub=100.0, drag=100.0)
     shares = posterior(announcement.trials.tried.models, best.key, None).models
