@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discrepancy.evidence.likelihood import StageLikelihood, record_columns
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import record_columns
 from estimation.fit.calibration import Fit
 from estimation.response.experiment import Experiment
 from estimation.signals.correlation import correlation_time

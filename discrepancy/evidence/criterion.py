@@ -14,7 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.effects.effect import Effect
-from discrepancy.evidence.likelihood import StageLikelihood, log_price, noise_floor
+from discrepancy.evidence.fitted_noise import log_price
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import noise_floor
 
 ROUNDING = 1e-6  # share of an effect's largest strength below zero that counts as zero
 

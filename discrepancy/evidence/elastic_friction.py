@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.evidence.criterion import Evidence
-from discrepancy.evidence.likelihood import StageLikelihood, record_columns
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import record_columns
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import places_that_stick
@@ -252,7 +253,7 @@ def _best_start(tried: TriedModels, model: TriedModel, part: str, laws: Sequence
         try:
             with _machine(state, *machine):
                 there = _there(tried, model, values)
-            residuals = there.linearised.residual().blocks
+            residuals = there.begun.residual().blocks
         except (RuntimeError, ModelError):
             continue
         records = [f.with_residual(residual) for f, residual in zip(filtered, residuals, strict=True)]

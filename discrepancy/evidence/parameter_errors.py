@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discrepancy.evidence.likelihood import StageLikelihood, record_columns
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import record_columns
 from discrepancy.evidence.predictive import what_is_known, whitened_blocks
 from discrepancy.innovations.noise_fit import prior_precision
 from discrepancy.stages.stage import Stage

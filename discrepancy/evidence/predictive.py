@@ -9,7 +9,9 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import strength_scale
-from discrepancy.evidence.likelihood import StageLikelihood, linear_records, lost_to_means, noise_floor, record_columns
+from discrepancy.evidence.likeliest_forces import settled
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import linear_records, lost_to_means, noise_floor, record_columns
 from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.noise_fit import RecordColumns, prior_precision
 from discrepancy.innovations.noise_model import NoiseModel
@@ -164,7 +166,7 @@ def simulation_errors(likelihood: StageLikelihood, *, fitted_again: bool = True)
     the means of several samples have lost counts as it does in the records themselves.  Only samples that are part of
     the likelihood count.  Without ``fitted_again`` the parameters are those of the stage.
     """
-    stage, linearised = likelihood.stage, likelihood.linearised
+    stage, linearised = likelihood.stage, likelihood.undisturbed
     residual, sens = linearised.residual(), linearised.sensitivities()
     used = [~mask for mask in likelihood.left_out]
     moved = [k for k, n in enumerate(sens.names) if n not in likelihood.held]
@@ -249,7 +251,9 @@ def held_out_scores(problem: Problem, likelihood: StageLikelihood, left_out: Seq
     columns, std, offset = record_columns(likelihood.linearised, likelihood.noise.records, held)
     known = what_is_known(whitened_blocks(columns, model, 1)[0], std, offset)
     linearised = _held_out(problem, likelihood)
-    later, _, _ = record_columns(linearised, linear_records(linearised, left_out), held)
+    records = linear_records(linearised, left_out)
+    linearised, records = settled(linearised, records, model, left_out) or (linearised, records)
+    later, _, _ = record_columns(linearised, records, held)
     blocks, roots = whitened_blocks(later, model, max(1, -(-BLOCKS // len(later))))
     return np.array([_in_parts(*block, root, known) for block, root in zip(blocks, roots, strict=True)])
 
@@ -258,7 +262,7 @@ def _held_out(problem: Problem, likelihood: StageLikelihood) -> LinearisedProble
     """Return a stage's machine linearised along the records held out, in the parameters that were calibrated."""
     fits = with_validation(problem, likelihood.stage).fits("validate")
     quiet = tuple(replace(f, experiment=f.experiment.without_input_noise()) for f in fits)
-    return likelihood.linearised.with_calibration(replace(likelihood.stage.identify, fits=quiet))
+    return likelihood.undisturbed.with_calibration(replace(likelihood.stage.identify, fits=quiet))
 
 
 def whitened_blocks(

@@ -15,16 +15,10 @@ from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of, simpler_in
 from discrepancy.evidence.criterion import log_prior_of_strengths, strength_scale
-from discrepancy.evidence.likelihood import (
-    REGAINED,
-    StageLikelihood,
-    fitted_noise,
-    log_price,
-    noise_floor,
-    record_columns,
-    with_columns,
-)
+from discrepancy.evidence.fitted_noise import REGAINED, fitted_noise, log_price
+from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
+from discrepancy.evidence.linearised_records import noise_floor, record_columns, with_columns
 from discrepancy.evidence.policy import POLICY
 from discrepancy.innovations.noise_fit import restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel

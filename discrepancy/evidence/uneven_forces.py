@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discrepancy.evidence.likelihood import StageLikelihood, fitted_noise, record_columns
+from discrepancy.evidence.fitted_noise import fitted_noise
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import record_columns
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_fit import PROCESS_PRICE, RecordColumns, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel

@@ -16,11 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
-from discrepancy.evidence.likelihood import (
-    REGAINED,
-    StageLikelihood,
-    fitted_noise,
-    log_price,
+from discrepancy.evidence.fitted_noise import REGAINED, fitted_noise, log_price
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import (
     lost_to_means,
     noise_floor,
     record_columns,

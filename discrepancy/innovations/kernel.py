@@ -228,6 +228,7 @@ def score_pass(  # type: ignore[no-untyped-def]
     together,
     kept,
     gained,
+    course,
 ):
     """Run the disturbance smoother backwards along a record; write what the derivatives of the likelihood consist of.
 
@@ -254,6 +255,8 @@ def score_pass(  # type: ignore[no-untyped-def]
         Written: products minus covariances of what drives it and what drives its partner; zero without one.
     kept, gained : ndarray, shape (N - 1, p)
         Written: derivatives by ``along`` and by ``turn``, what drives it held at its variance.
+    course : ndarray, shape (N, p)
+        Written: the smoothed mean of every process, given the first column.
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     size, q = n + p, white.shape[2]
@@ -416,6 +419,7 @@ def score_pass(  # type: ignore[no-untyped-def]
             total += r[n + j, t] ** 2
             path[j, t] = variance[j] * r[n + j, t]
         first[j] = total
+        course[0, j] = path[j, 0]
     for k in range(count - 1):
         for j in range(p):
             o = partner[j]
@@ -427,6 +431,8 @@ def score_pass(  # type: ignore[no-untyped-def]
                 path_next[j, t] = along[k, j] * path[j, t] + turn[k, j] * path[o, t]
                 path_next[j, t] += driven * pushed[k, j, t] + shared * pushed[k, o, t]
         path, path_next = path_next, path
+        for j in range(p):
+            course[k + 1, j] = path[j, 0]
 
 
 @njit_kept(nogil=True)

@@ -213,6 +213,12 @@ class FilteredRecord:
             own_log_det=0.5 * float(np.sum(np.log1p(self.information))),
         )
 
+    def courses(self, change: np.ndarray) -> np.ndarray:
+        """Return the likeliest course of every process at a change of the shared parameters, (N, p)."""
+        free = self.without_own(1.0)
+        left = free[:, 0] - free[:, 1:] @ change
+        return self.weighting.courses(left.reshape(self.columns.residual.shape))
+
     def score(self, change: np.ndarray, shared_root: np.ndarray) -> Score:
         """Return the derivatives of the marginal likelihood.
 

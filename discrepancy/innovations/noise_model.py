@@ -232,22 +232,7 @@ class InnovationWeighting:
         """
         parts, step = self.model.components, np.diff(self.record.time)
         along, turn = self.along, self.turn
-        noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(parts.owner.size)
-        driving, together, kept, gained = (np.zeros(along.shape) for _ in range(4))
-        score_pass(
-            *self._filter(),
-            parts.variance,
-            self.gain,
-            self.root,
-            self.latent,
-            np.ascontiguousarray(white),
-            noise,
-            first,
-            driving,
-            together,
-            kept,
-            gained,
-        )
+        noise, first, driving, together, kept, gained, _ = self._smoothed(white)
         # what drives a process to the next sample has the variance 1 - a² - t² over that of the process, and with what
         # drives its partner the covariance -(a t' + t a'), a' and t' those of the partner
         along_other, turn_other = along[:, parts.partner], turn[:, parts.partner]
@@ -270,6 +255,27 @@ class InnovationWeighting:
             memory=of_processes(of_memory),
             frequency=of_processes(parts.sense * of_frequency * 2.0 * np.pi * parts.frequency),
         )
+
+    def courses(self, white: np.ndarray) -> np.ndarray:
+        """Return the likeliest course of every process, (N, p): its smoothed mean.
+
+        Parameters
+        ----------
+        white : ndarray, shape (n, n_channels)
+            Standardised innovations of the residual.
+        """
+        courses, owner = self._smoothed(white[:, :, None])[-1], self.model.components.owner
+        first = np.flatnonzero(np.diff(owner, prepend=-1))  # of one that swings the second component acts nowhere
+        return courses[:, first]
+
+    def _smoothed(self, white: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Run the smoother; return what `discrepancy.innovations.kernel.score_pass` writes."""
+        parts = self.model.components
+        noise, first = np.zeros((white.shape[1], white.shape[1])), np.zeros(parts.owner.size)
+        written = (noise, first, *(np.zeros(self.along.shape) for _ in range(4)), np.zeros(self.latent.shape[:2]))
+        white = np.ascontiguousarray(white)
+        score_pass(*self._filter(), parts.variance, self.gain, self.root, self.latent, white, *written)
+        return written
 
     def _filter(self) -> tuple[np.ndarray, ...]:
         """Return what the compiled recursions take of the record and of the processes."""

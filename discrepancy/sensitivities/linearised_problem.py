@@ -190,13 +190,43 @@ class LinearisedProblem:
 
         return _once(self._weighted, "residual", weighted_residual)
 
+    def simulated(self, index: int) -> np.ndarray:
+        """Return the outputs of an experiment at the calibrated values, prepared for the scan, (n, n_channels)."""
+
+        def outputs() -> np.ndarray:
+            own = self.calibration.fits[index].own
+            response = self.experiments[index].respond_with_own(
+                self.slim, self.p, own, sensors=self.sensors, derivatives=False
+            )
+            return response.outputs
+
+        return _once(self._unweighted, ("simulated", index), outputs)
+
     def _errors(self) -> list[np.ndarray]:
-        blocks = []
-        for i, experiment in enumerate(self.experiments):
-            own = self.calibration.fits[i].own
-            y = experiment.respond_with_own(self.slim, self.p, own, sensors=self.sensors, derivatives=False).outputs
-            blocks.append(experiment.measured - y)
-        return blocks
+        return [
+            experiment.measured - self.simulated(i) + self._response_to_forces(i)
+            for i, experiment in enumerate(self.experiments)
+        ]
+
+    def _response_to_forces(self, index: int) -> np.ndarray | float:
+        """Return what the forces along which an experiment is linearised change, to first order, (n, n_channels).
+
+        They are not known: the residual is that without them, as the linearised problem has it.
+        """
+        experiment = self.experiments[index]
+        if not experiment.forces:
+            return 0.0
+        changed: np.ndarray = np.sum(
+            experiment.respond(
+                self.slim,
+                self.p,
+                self.initial_state(index),
+                perturbations=[InputPerturbation(name, values) for name, values in experiment.forces.items()],
+                sensors=self.sensors,
+            ).derivatives,
+            axis=2,
+        )
+        return changed
 
     def sensitivities(self) -> Sensitivities:
         """Return the derivatives by what calibration may move, and by each record's own unknowns."""

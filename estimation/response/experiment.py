@@ -123,6 +123,9 @@ class Experiment:
         Highest frequency of that noise to take into account; 0 leaves it to the scan.
     max_evaluations : int, optional
         A simulation that needs more evaluations of the equations stops with an error.
+    forces : mapping of str to ndarray, shape (nt,)
+        What acted on inputs of the model besides, on the record's time grid: the likeliest course of forces that nobody
+        recorded.
     """
 
     record: Record
@@ -138,6 +141,7 @@ class Experiment:
     input_noise: Mapping[str, float] = field(default_factory=dict)
     noise_band: float = 0.0
     max_evaluations: int | None = None
+    forces: Mapping[str, np.ndarray] = field(default_factory=dict)
     _cache: _Cache = field(default_factory=_Cache, init=False, repr=False)
 
     # ---------------------------------------------------------------- the measurement
@@ -166,6 +170,10 @@ class Experiment:
         """Return the same experiment with another preparation; the input tables are shared."""
         return self._with_tables(replace(self, preparation=preparation))
 
+    def with_forces(self, forces: Mapping[str, np.ndarray]) -> Experiment:
+        """Return the same experiment with other forces that nobody recorded."""
+        return replace(self, forces=dict(forces))
+
     def without_input_noise(self) -> Experiment:
         """Return the same experiment with inputs that count as exact; the input tables are shared."""
         return self._with_tables(replace(self, input_noise={}))
@@ -184,6 +192,7 @@ class Experiment:
         key = self._table_key(system)
         if key not in self._cache.tables:
             driven = {n: (self.record.time, self.record.signals[n].values) for n in self.inputs}
+            driven |= {n: (self.record.time, values) for n, values in self.forces.items()}
             table = input_table(system, driven)
             if self.held:
                 kinds = ["hold" if n in self.held else k for n, k in zip(table.names, table.interpolation, strict=True)]

@@ -12,7 +12,8 @@ import numpy as np
 from plain_machines import RECORDS, diagnosed, low_passed, written
 from scipy.integrate import solve_ivp
 
-from discrepancy.evidence.likelihood import StageLikelihood, what_may_act
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import what_may_act
 from discrepancy.evidence.unknown_law_search import unknown_law
 from discrepancy.study.study import Study
 from discrepancy.validation.machines.heated_tank import MACHINE

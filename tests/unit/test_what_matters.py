@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from discrepancy.evidence import proposals
-from discrepancy.evidence.likelihood import StageLikelihood, lost_to_means
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.linearised_records import lost_to_means
 from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import shift_over_noise, simulation_errors
