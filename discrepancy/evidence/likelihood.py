@@ -71,21 +71,48 @@ class StageLikelihood:
         kept = {**self._kept, "begun": self.linearised}
         return replace(self, start=self.noise.model, grow=True, given_noise=None, _kept=kept)
 
-    def with_likelier_noise(self, start: NoiseModel) -> StageLikelihood | None:
-        """Return the same stage with its noise fitted from that of another model; None where that is no likelier."""
+    def with_likelier_noise(self, start: NoiseModel, forces: tuple[Forces, ...] = ()) -> StageLikelihood | None:
+        """Return the same stage with its noise fitted from that of another model; None where that is no likelier.
+
+        Parameters
+        ----------
+        start : NoiseModel
+        forces : tuple of mapping
+            Of each record: where the other is linearised.  The likeliest motion has several maxima as well, so it is
+            also tried from there; empty: it is not.
+        """
         records = self.noise.records
         columns, std, offset = record_columns(self.linearised, records, self.held)
         fitted = fitted_noise(self.linearised, records, columns, std, offset, start, grow=False)
-        return replace(self, given_noise=fitted) if self._value(fitted) > self._value(self.noise) else None
+        likelier = [replace(self, given_noise=fitted)]
+        if any(forces):
+            likelier.append(
+                replace(
+                    self,
+                    start=start,
+                    grow=False,
+                    given_noise=None,
+                    given_forces=forces,
+                    _kept={"left_out": self.left_out},
+                )
+            )
+        best = max(likelier, key=lambda likelihood: likelihood._value)
+        return best if best._value > self._value else None
 
-    def _value(self, fitted: FittedNoise) -> float:
-        return fitted.log_likelihood + log_price(self.linearised, fitted.model)
+    @property
+    def forces(self) -> tuple[Forces, ...]:
+        """Of each record the forces along which the machine is linearised."""
+        return tuple(e.forces for e in self.linearised.experiments)
+
+    @property
+    def _value(self) -> float:
+        return self.noise.log_likelihood + log_price(self.linearised, self.noise.model)
 
     def neighbour(self, stage: Stage, noise: NoiseModel | None = None) -> StageLikelihood:
         """Return the likelihood of another fit on the same samples; its noise begins with this one's, or as given."""
         start = noise or self.noise.model
         same = [str(e) for e in stage.effects] == [str(e) for e in self.stage.effects]
-        forces = tuple(e.forces for e in self.linearised.experiments) if same else ()
+        forces = self.forces if same else ()
         return StageLikelihood(stage=stage, start=start, grow=False, given_left_out=self.left_out, given_forces=forces)
 
     @property

@@ -16,12 +16,10 @@ from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from multibody.base.parallel import parallel_map
 
 __all__ = [
-    "Acting",
     "linear_records",
     "lost_to_means",
     "noise_floor",
     "record_columns",
-    "spread_of_outputs",
     "steady_reach",
     "what_may_act",
     "with_columns",
@@ -124,7 +122,7 @@ def record_columns(
     """
     residual, sens = linearised.residual(), linearised.sensitivities()
     moved = [k for k, n in enumerate(sens.names) if n not in without]
-    spread = spread_of_outputs(linearised)
+    spread = _spread(linearised)
     columns = []
     for i, record in enumerate(records):
         own = sens.nuisance[i]
@@ -151,7 +149,7 @@ def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
     count = given.average * given.decimate
     channels = linearised.residual().channels
     noise = np.array([linearised.noise.get(c, 0.0) for c in channels])
-    return np.maximum(noise / np.sqrt(count), 1e-9 * spread_of_outputs(linearised))
+    return np.maximum(noise / np.sqrt(count), 1e-9 * _spread(linearised))
 
 
 def lost_to_means(linearised: LinearisedProblem) -> np.ndarray:
@@ -161,7 +159,7 @@ def lost_to_means(linearised: LinearisedProblem) -> np.ndarray:
     return lost
 
 
-def spread_of_outputs(linearised: LinearisedProblem) -> np.ndarray:
+def _spread(linearised: LinearisedProblem) -> np.ndarray:
     """Return the standard deviation of each prepared output over all records, SI."""
     return np.maximum(np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0), 1e-300)
 

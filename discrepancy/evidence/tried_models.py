@@ -419,10 +419,15 @@ class TriedModels:
             self.with_noise_of(best, model)
 
     def with_noise_of(self, source: TriedModel, model: TriedModel) -> bool:
-        """Fit the noise of a model once more, from that of another; tell whether it is likelier."""
+        """Fit the noise of a model once more, from that of another; tell whether it is likelier.
+
+        Where the other is better by more than an effect costs, it may be so for the motion along which it is
+        linearised.
+        """
         if source.likelihood is None or model.likelihood is None:
             return False
-        likelier = model.likelihood.with_likelier_noise(source.likelihood.noise.model)
+        forces = source.likelihood.forces if source.total > model.total + POLICY.reach else ()
+        likelier = model.likelihood.with_likelier_noise(source.likelihood.noise.model, forces)
         if likelier is None:
             return False
         before, model.likelihood = model.total, likelier
