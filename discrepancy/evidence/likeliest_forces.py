@@ -11,8 +11,6 @@ Source: Bell (1994), SIAM Journal on Optimization 4, 626 (the iterated Kalman sm
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,7 +24,7 @@ from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel,
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from multibody.base.errors import SimulationError
 
-__all__ = ["Forces", "along_forces", "settled"]
+__all__ = ["LINEAR", "Forces", "along_forces", "missed", "settled"]
 
 #: What acted on inputs of the model along a record and was not recorded: name of the input to (nt,).
 Forces = Mapping[str, np.ndarray]
@@ -47,6 +45,11 @@ def along_forces(linearised: LinearisedProblem, forces: Sequence[Forces]) -> Lin
     fits = linearised.calibration.fits
     pushed = tuple(replace(f, experiment=f.experiment.with_forces(own)) for f, own in zip(fits, forces, strict=True))
     return linearised.with_calibration(replace(linearised.calibration, fits=pushed))
+
+
+def missed(linearised: LinearisedProblem, records: Sequence[LinearRecord], model: NoiseModel) -> float:
+    """Return the nats by which the linearised outputs are off along the likeliest forces."""
+    return _Linearisation(linearised, tuple(records), model).missed
 
 
 def settled(
@@ -79,8 +82,6 @@ def settled(
             here = _Linearisation(there, linear_records(there, left_out), model)
         except SimulationError:
             break
-    if os.environ.get("TRACE_FORCES"):
-        print(f"    SETTLED missed {best.missed:.1f} last {here.missed:.1f}", file=sys.stderr)
     return None if best.linearised is linearised else (best.linearised, best.records)
 
 

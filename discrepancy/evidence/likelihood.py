@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.evidence.fitted_noise import FittedNoise, fitted_noise, log_price
-from discrepancy.evidence.likeliest_forces import Forces, along_forces, settled
+from discrepancy.evidence.likeliest_forces import Forces, along_forces, missed, settled
 from discrepancy.evidence.linearised_records import linear_records, record_columns
 from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.linear_record import LinearRecord
@@ -51,6 +51,9 @@ class StageLikelihood:
     as_it_stands : bool
         Whether the evidence is that of the parameters where the stage stands.  Else they are integrated out about those
         of largest likelihood, which the linearised problem says.
+    along_motion : bool
+        Whether the machine is linearised along its likeliest motion, under the forces that nobody recorded, or along a
+        simulation without these.
     given_forces : tuple of mapping
         Of each record the forces that nobody recorded along which the machine is first linearised: those that were
         found elsewhere; empty: none.
@@ -62,6 +65,7 @@ class StageLikelihood:
     given_left_out: tuple[np.ndarray, ...] | None = None
     given_noise: FittedNoise | None = None
     as_it_stands: bool = False
+    along_motion: bool = False
     given_forces: tuple[Forces, ...] = ()
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
     _fitted: list[FittedNoise] = field(default_factory=list, init=False, repr=False)
@@ -70,6 +74,16 @@ class StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
         kept = {**self._kept, "begun": self.linearised}
         return replace(self, start=self.noise.model, grow=True, given_noise=None, _kept=kept)
+
+    def linearised_along_motion(self) -> StageLikelihood:
+        """Return the same stage linearised along its likeliest motion; its noise begins with this one's."""
+        kept = {"begun": self.begun, "left_out": self.left_out}
+        return replace(self, start=self.noise.model, grow=True, given_noise=None, along_motion=True, _kept=kept)
+
+    @property
+    def missed(self) -> float:
+        """Nats by which the linearised machine is off along the likeliest forces."""
+        return missed(self.linearised, self.noise.records, self.noise.model)
 
     def with_likelier_noise(self, start: NoiseModel, forces: tuple[Forces, ...] = ()) -> StageLikelihood | None:
         """Return the same stage with its noise fitted from that of another model; None where that is no likelier.
@@ -113,7 +127,14 @@ class StageLikelihood:
         start = noise or self.noise.model
         same = [str(e) for e in stage.effects] == [str(e) for e in self.stage.effects]
         forces = self.forces if same else ()
-        return StageLikelihood(stage=stage, start=start, grow=False, given_left_out=self.left_out, given_forces=forces)
+        return StageLikelihood(
+            stage=stage,
+            start=start,
+            grow=False,
+            given_left_out=self.left_out,
+            along_motion=self.along_motion,
+            given_forces=forces,
+        )
 
     @property
     def begun(self) -> LinearisedProblem:
@@ -215,7 +236,7 @@ class StageLikelihood:
         linearised = self.begun
         records = linear_records(linearised, self.left_out)
         fitted = self._noise_of(linearised, records, self.start, self.grow or self.start is None)
-        for _ in range(LINEARISED_AGAIN):
+        for _ in range(LINEARISED_AGAIN if self.along_motion else 0):
             there = settled(linearised, records, fitted.model, self.left_out)
             if there is None:
                 break

@@ -252,7 +252,8 @@ def held_out_scores(problem: Problem, likelihood: StageLikelihood, left_out: Seq
     known = what_is_known(whitened_blocks(columns, model, 1)[0], std, offset)
     linearised = _held_out(problem, likelihood)
     records = linear_records(linearised, left_out)
-    linearised, records = settled(linearised, records, model, left_out) or (linearised, records)
+    if likelihood.along_motion:
+        linearised, records = settled(linearised, records, model, left_out) or (linearised, records)
     later, _, _ = record_columns(linearised, records, held)
     blocks, roots = whitened_blocks(later, model, max(1, -(-BLOCKS // len(later))))
     return np.array([_in_parts(*block, root, known) for block, root in zip(blocks, roots, strict=True)])

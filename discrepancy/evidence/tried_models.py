@@ -13,6 +13,7 @@ import numpy as np
 
 from discrepancy.evidence import moves
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_evidence
+from discrepancy.evidence.likeliest_forces import LINEAR
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.parameter_errors import ParameterErrors, parameter_errors
@@ -131,7 +132,34 @@ class TriedModels:
             self.models[key] = model
             self.refresh(model)
             self._settle(model)
+            self._linearise_along_motion(model, likelihood)
         return self.models[key]
+
+    def _linearise_along_motion(self, model: TriedModel, likelihood: StageLikelihood) -> None:
+        """Linearise along the likeliest motion from here on, where the evidence depends on the linearisation else.
+
+        It does if another changes it, or if the linearised machine is off along the likeliest forces.  The likeliest
+        motion is taken if neither is so along it.
+
+        Parameters
+        ----------
+        model : TriedModel
+            The first one.
+        likelihood : StageLikelihood
+            Of it as it was calibrated, along a simulation.
+        """
+        if self.wander <= POLICY.improvement and not likelihood.missed > LINEAR:
+            return
+        before = model.likelihood, model.evidence, model.at_likeliest
+        along = self.wander, self.moved
+        model.likelihood, model.at_likeliest = likelihood.linearised_along_motion(), False
+        self.wander, self.moved = 0.0, False
+        self.refresh(model)
+        self._settle(model)
+        if self.wander <= POLICY.improvement and not model.likelihood.missed > LINEAR:
+            self.state.progress("linearised along the likeliest motion, where the evidence settles")
+            return
+        (model.likelihood, model.evidence, model.at_likeliest), (self.wander, self.moved) = before, along
 
     def refresh(self, model: TriedModel) -> None:
         """Compute the evidence of a model again: its noise or the prior has changed."""
@@ -426,7 +454,8 @@ class TriedModels:
         """
         if source.likelihood is None or model.likelihood is None:
             return False
-        forces = source.likelihood.forces if source.total > model.total + POLICY.reach else ()
+        better = source.likelihood.along_motion and source.total > model.total + POLICY.reach
+        forces = source.likelihood.forces if better else ()
         likelier = model.likelihood.with_likelier_noise(source.likelihood.noise.model, forces)
         if likelier is None:
             return False
