@@ -138,8 +138,8 @@ class TriedModels:
     def _linearise_along_motion(self, model: TriedModel, likelihood: StageLikelihood) -> None:
         """Linearise along the likeliest motion from here on, where the evidence depends on the linearisation else.
 
-        It does if another changes it, or if the linearised machine is off along the likeliest forces.  The likeliest
-        motion is taken if neither is so along it.
+        It does if another changes it by more than two evidences of one model may differ.  The likeliest motion is taken
+        if the linearised machine holds along it, and the evidence depends on it no more.
 
         Parameters
         ----------
@@ -148,15 +148,18 @@ class TriedModels:
         likelihood : StageLikelihood
             Of it as it was calibrated, along a simulation.
         """
-        if self.wander <= POLICY.improvement and not likelihood.missed > LINEAR:
+        if self.wander <= POLICY.reach:
+            return
+        there = likelihood.linearised_along_motion()
+        if there.missed > LINEAR:
             return
         before = model.likelihood, model.evidence, model.at_likeliest
         along = self.wander, self.moved
-        model.likelihood, model.at_likeliest = likelihood.linearised_along_motion(), False
+        model.likelihood, model.at_likeliest = there, False
         self.wander, self.moved = 0.0, False
         self.refresh(model)
         self._settle(model)
-        if self.wander <= POLICY.improvement and not model.likelihood.missed > LINEAR:
+        if self.wander <= POLICY.reach:
             self.state.progress("linearised along the likeliest motion, where the evidence settles")
             return
         (model.likelihood, model.evidence, model.at_likeliest), (self.wander, self.moved) = before, along
