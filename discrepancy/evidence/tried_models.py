@@ -159,8 +159,8 @@ class TriedModels:
         self.wander, self.moved = 0.0, False
         self.refresh(model)
         self._settle(model)
-        if self.wander <= POLICY.reach:
-            self.state.progress("linearised along the likeliest motion, where the evidence settles")
+        if self.wander <= along[0]:
+            self.state.progress("linearised along the likeliest motion under the forces that nobody recorded")
             return
         (model.likelihood, model.evidence, model.at_likeliest), (self.wander, self.moved) = before, along
 

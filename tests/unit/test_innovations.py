@@ -139,6 +139,20 @@ def test_another_residual_under_the_same_noise_and_derivatives_needs_no_other_fi
 
 
 @pytest.mark.parametrize("how", FORCES)
+def test_the_likeliest_course_of_a_force_is_that_of_the_dense_covariance(how: dict[str, Any]) -> None:
+    """Of both processes together: what they change in the outputs is their part of the covariance, times Σ⁻¹ e."""
+    record, model = oscillator(60), noise_model(**how)
+    residual = np.random.default_rng(5).standard_normal((60, 2)) * SPREAD
+    weighting = innovation_weighting(record, model)
+    courses = weighting.courses(weighting(residual))
+    changed = record.response(courses[:, :1], np.array([0]))[:, :, 0]
+    changed[:, 0] += courses[:, 1]
+    dense = dense_covariance(record, model)
+    latent = dense - np.kron(np.eye(60), model.noise_covariance())
+    np.testing.assert_allclose(changed.ravel(), latent @ np.linalg.solve(dense, residual.ravel()), atol=1e-9)
+
+
+@pytest.mark.parametrize("how", FORCES)
 @pytest.mark.parametrize("left_out", [slice(0, 0), slice(20, 31)])
 def test_the_score_is_the_slope_of_the_likelihood(left_out: slice, how: dict[str, Any]) -> None:
     """With correlated noise, a force, a drift, a second record, and unknowns of both sorts."""
