@@ -18,7 +18,7 @@ from discrepancy.evidence.laws_of_a_curve import laws_of_curves
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.predictive import changed_share, shift_over_noise, simulation_gain
-from discrepancy.evidence.proposals import Proposal, Proposals, ScoredCandidate, entries_of, proposed_effects
+from discrepancy.evidence.proposals import Proposal, Proposals, ScoredCandidate, proposed_effects
 from discrepancy.evidence.unknown_law import UnknownLaw
 from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.stages.stage import Stage
@@ -266,16 +266,19 @@ def _in_place_of_random(candidate: ScoredCandidate, effects: Sequence[Effect]) -
 
 
 def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:
-    """Return the models with two effects more, where the two together promise clearly more than either alone."""
+    """Return the models with two effects more, where the two together promise clearly more than either alone.
+
+    What a parameter of the model does as well is no candidate, and stands in no pair.
+    """
+    entries = {c.name: c.entry for c in proposals.candidates}
 
     def excluded(a: ScanRow, b: ScanRow) -> bool:
-        return contained(a, b)
+        return contained(a, b) or not {a.name, b.name} <= set(entries)
 
     scores = PairScores(proposals.scan, excluded)
     alone = max((c.gain for c in proposals.candidates), default=0.0)
     # the gain of a single effect has paid for its strength and shape, but not for its name
     cost = 2.0 * POLICY.effect_cost + math.log(max(len(proposals.candidates), 1))
-    entries = {e.name: e for e in entries_of(stage)} | {c.name: c.entry for c in proposals.candidates}
     chosen: list[Proposal] = []
     kept: list[Pair] = []
     for pair in scores.masking():
