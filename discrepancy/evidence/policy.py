@@ -78,7 +78,7 @@ class Policy:
         4.9 (88); with 1.5 a second effect that is not there was named on the virtual axis (docs/method/evidence.md).
     unseen : float
         Share of the effects outside the catalogue of which the search says nothing: 51 of 153 of those of 100 and 1000
-        nats on the machines of plain equations, seeds 76 to 81 (docs/method/machines-results.md).
+        nats on the machines of plain equations, seeds 76 to 81 (docs/method/machines-history.md).
     set_share, listed : float
         Probability that an effect and the alternatives listed beside it reach together, and the least of one of them.
     tie : float
