@@ -233,20 +233,16 @@ class StageLikelihood:
 
     def _fitted_noise(self) -> FittedNoise:
         """Fit the noise; then once more where the machine is linearised along the likeliest forces, if that differs."""
-        linearised, model, grow = self.begun, self.start, self.grow or self.start is None
-        records = linear_records(linearised, self.left_out)
-        fitted: FittedNoise | None = None
-        for _ in range(1 + LINEARISED_AGAIN):
-            if model is not None and self.along_motion:
-                there = settled(linearised, records, model, self.left_out)
-                if there is None and fitted is not None:
-                    break
-                linearised, records = there or (linearised, records)
-            fitted = self._noise_of(linearised, records, model, grow)
-            model, grow = fitted.model, False
-            if not self.along_motion:
+        linearised, records = self.begun, linear_records(self.begun, self.left_out)
+        if self.along_motion and self.start is not None:
+            linearised, records = settled(linearised, records, self.start, self.left_out) or (linearised, records)
+        fitted = self._noise_of(linearised, records, self.start, self.grow or self.start is None)
+        for _ in range(LINEARISED_AGAIN if self.along_motion else 0):
+            there = settled(linearised, records, fitted.model, self.left_out)
+            if there is None:
                 break
-        assert fitted is not None
+            linearised, records = there
+            fitted = self._noise_of(linearised, records, fitted.model, False)
         self._kept["linearised"] = linearised
         return fitted
 
