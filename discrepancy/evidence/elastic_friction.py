@@ -253,7 +253,7 @@ def _best_start(tried: TriedModels, model: TriedModel, part: str, laws: Sequence
         try:
             with _machine(state, *machine):
                 there = _there(tried, model, values)
-            residuals = there.begun.residual().blocks
+            residuals = there.linearised_at_first.residual().blocks
         except (RuntimeError, ModelError):
             continue
         records = [f.with_residual(residual) for f, residual in zip(filtered, residuals, strict=True)]

@@ -18,23 +18,22 @@ from functools import cached_property
 import numpy as np
 
 from discrepancy.evidence.linearised_records import linear_records, what_may_act
+from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.standstill import standstill_at
 from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, innovation_weighting
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from multibody.base.errors import SimulationError
 
-__all__ = ["LINEAR", "Forces", "along_forces", "missed", "settled"]
+__all__ = ["Forces", "along_forces", "linearisation_error", "settled"]
 
 #: What acted on inputs of the model along a record and was not recorded: name of the input to (nt,).
 Forces = Mapping[str, np.ndarray]
-#: Nats by which the linearised machine may be off along the likeliest forces: as much as a model must be better by.
-LINEAR = 3.0
 #: Linearisations that are tried, at most, and by how much each full step must bring that down: where friction sticks
 #: and lets go from sample to sample no linearisation holds, and what converges takes two or three.
 ROUNDS, SLOW = 6, 0.5
 #: Shares of the way to the likeliest forces that are tried, and the share of its own size by which the change of the
-#: outputs along it may be off: the usual choices for a Gauss-Newton step.
+#: outputs along it may be off; chosen, a step that is half wrong still leads nearer.
 SHARES, TRUST = (1.0, 0.5, 0.25, 0.125), 0.5
 
 
@@ -47,9 +46,9 @@ def along_forces(linearised: LinearisedProblem, forces: Sequence[Forces]) -> Lin
     return linearised.with_calibration(replace(linearised.calibration, fits=pushed))
 
 
-def missed(linearised: LinearisedProblem, records: Sequence[LinearRecord], model: NoiseModel) -> float:
+def linearisation_error(linearised: LinearisedProblem, records: Sequence[LinearRecord], model: NoiseModel) -> float:
     """Return the nats by which the linearised outputs are off along the likeliest forces."""
-    return _Linearisation(linearised, tuple(records), model).missed
+    return _Linearisation(linearised, tuple(records), model).error
 
 
 def settled(
@@ -68,11 +67,11 @@ def settled(
     """
     here = best = _Linearisation(linearised, tuple(records), model)
     share = 1.0
-    for _ in range(ROUNDS):
-        slow = here is not best and share == 1.0 and not here.missed <= SLOW * best.missed
-        if here.missed < best.missed:
+    for tried in range(1, ROUNDS + 1):
+        slow = here is not best and share == 1.0 and not here.error <= SLOW * best.error
+        if here.error < best.error:
             best = here
-        if best.missed <= LINEAR or slow:
+        if best.error <= POLICY.improvement or slow or tried == ROUNDS:
             break
         step = here.step()
         if step is None:
@@ -94,7 +93,7 @@ class _Linearisation:
     model: NoiseModel
 
     @cached_property
-    def missed(self) -> float:
+    def error(self) -> float:
         """Nats by which the linearised outputs are off along the likeliest forces."""
         return self._off(1.0, self._at(1.0)) if self._columns else 0.0
 

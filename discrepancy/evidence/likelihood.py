@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.evidence.fitted_noise import FittedNoise, fitted_noise, log_price
-from discrepancy.evidence.likeliest_forces import Forces, along_forces, missed, settled
+from discrepancy.evidence.likeliest_forces import Forces, along_forces, linearisation_error, settled
 from discrepancy.evidence.linearised_records import linear_records, record_columns
 from discrepancy.evidence.standstill import samples_at_standstill
 from discrepancy.innovations.linear_record import LinearRecord
@@ -72,18 +72,18 @@ class StageLikelihood:
 
     def with_richer_noise(self) -> StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
-        kept = {**self._kept, "begun": self.linearised}
+        kept = {**self._kept, "at first": self.linearised}
         return replace(self, start=self.noise.model, grow=True, given_noise=None, _kept=kept)
 
     def linearised_along_motion(self) -> StageLikelihood:
         """Return the same stage linearised along its likeliest motion; its noise begins with this one's."""
-        kept = {"begun": self.begun, "left_out": self.left_out}
+        kept = {"at first": self.linearised_at_first, "left_out": self.left_out}
         return replace(self, start=self.noise.model, grow=True, given_noise=None, along_motion=True, _kept=kept)
 
     @property
-    def missed(self) -> float:
+    def linearisation_error(self) -> float:
         """Nats by which the linearised machine is off along the likeliest forces."""
-        return missed(self.linearised, self.noise.records, self.noise.model)
+        return linearisation_error(self.linearised, self.noise.records, self.noise.model)
 
     def with_likelier_noise(self, start: NoiseModel, forces: tuple[Forces, ...] = ()) -> StageLikelihood | None:
         """Return the same stage with its noise fitted from that of another model; None where that is no likelier.
@@ -137,9 +137,9 @@ class StageLikelihood:
         )
 
     @property
-    def begun(self) -> LinearisedProblem:
+    def linearised_at_first(self) -> LinearisedProblem:
         """The stage linearised where the fit of its noise begins."""
-        if "begun" not in self._kept:
+        if "at first" not in self._kept:
             stage = self.stage
             fits = stage.identify.fits
             given = fits[0].experiment.preparation
@@ -150,29 +150,33 @@ class StageLikelihood:
             # the noise of recorded inputs is a latent process here
             quiet = tuple(replace(f, experiment=f.experiment.without_input_noise()) for f in fits)
             problem = problem.with_calibration(replace(stage.identify, fits=quiet))
-            self._kept["begun"] = along_forces(problem, self.given_forces)
-        begun: LinearisedProblem = self._kept["begun"]
-        return begun
+            self._kept["at first"] = along_forces(problem, self.given_forces)
+        linearised: LinearisedProblem = self._kept["at first"]
+        return linearised
 
     @property
     def linearised(self) -> LinearisedProblem:
         """The stage linearised along its identification records under the likeliest forces, not weighted."""
         _ = self.noise
-        linearised: LinearisedProblem = self._kept.get("linearised", self.begun)
+        linearised: LinearisedProblem = self._kept.get("linearised", self.linearised_at_first)
         return linearised
 
     @property
     def undisturbed(self) -> LinearisedProblem:
         """The same along the motion without forces that nobody recorded: a simulation."""
         if "undisturbed" not in self._kept:
-            forces = [e.forces for e in self.begun.experiments]
-            self._kept["undisturbed"] = along_forces(self.begun, [{} for _ in forces]) if any(forces) else self.begun
+            forces = [e.forces for e in self.linearised_at_first.experiments]
+            self._kept["undisturbed"] = (
+                along_forces(self.linearised_at_first, [{} for _ in forces])
+                if any(forces)
+                else self.linearised_at_first
+            )
         undisturbed: LinearisedProblem = self._kept["undisturbed"]
         return undisturbed
 
     def free_memory(self) -> None:
         """Drop what is as long as the records and seldom asked for again; it is computed again where it is."""
-        for problem in ("begun", "linearised", "undisturbed"):
+        for problem in ("at first", "linearised", "undisturbed"):
             if problem in self._kept:
                 self._kept[problem].drop_runs()
 
@@ -182,7 +186,7 @@ class StageLikelihood:
         if self.given_left_out is not None:
             return self.given_left_out
         if "left_out" not in self._kept:
-            self._kept["left_out"] = samples_at_standstill(self.begun)
+            self._kept["left_out"] = samples_at_standstill(self.linearised_at_first)
         return self._kept["left_out"]
 
     @property
@@ -194,7 +198,7 @@ class StageLikelihood:
     @property
     def recorded(self) -> int:
         """Recorded samples that these are the means of."""
-        given = self.begun.preparation
+        given = self.linearised_at_first.preparation
         return self.count * given.average * given.decimate
 
     @property
@@ -233,7 +237,7 @@ class StageLikelihood:
 
     def _fitted_noise(self) -> FittedNoise:
         """Fit the noise; then once more where the machine is linearised along the likeliest forces, if that differs."""
-        linearised, records = self.begun, linear_records(self.begun, self.left_out)
+        linearised, records = self.linearised_at_first, linear_records(self.linearised_at_first, self.left_out)
         if self.along_motion and self.start is not None:
             linearised, records = settled(linearised, records, self.start, self.left_out) or (linearised, records)
         fitted = self._noise_of(linearised, records, self.start, self.grow or self.start is None)

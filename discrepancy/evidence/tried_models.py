@@ -13,7 +13,6 @@ import numpy as np
 
 from discrepancy.evidence import moves
 from discrepancy.evidence.criterion import Evidence, ModelPrior, log_evidence
-from discrepancy.evidence.likeliest_forces import LINEAR
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.parameter_errors import ParameterErrors, parameter_errors
@@ -151,7 +150,7 @@ class TriedModels:
         if self.wander <= POLICY.reach:
             return
         there = likelihood.linearised_along_motion()
-        if there.missed > LINEAR:
+        if there.linearisation_error > POLICY.improvement:
             return
         before = model.likelihood, model.evidence, model.at_likeliest
         along = self.wander, self.moved
